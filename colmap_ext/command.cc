@@ -1,0 +1,30 @@
+#include "colmap_ext/command.h"
+
+#include <exception>
+#include <iostream>
+#include <new>
+
+#include "colmap_ext/compat.h"
+#include "src/errors.h"
+
+namespace mfir {
+
+int RunCommand(const std::function<void()>& body) {
+  try {
+    body();
+    return kExitSuccess;
+  } catch (const Error& error) {
+    std::cerr << "ERROR: " << error.what() << std::endl;
+    return error.exit_code;
+  } catch (const std::bad_alloc&) {
+    std::cerr << "ERROR: Out of memory. Select fewer frames with "
+                 "--frame_list_path."
+              << std::endl;
+    return kExitSolver;
+  } catch (const std::exception& error) {
+    std::cerr << "ERROR: Unexpected failure: " << error.what() << std::endl;
+    return kExitSolver;
+  }
+}
+
+}  // namespace mfir

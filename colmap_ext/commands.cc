@@ -1,0 +1,12 @@
+// The commands this extension adds to the `colmap` program.
+
+#include "colmap_ext/command.h"
+#include "colmap_ext/compat.h"
+
+namespace {
+using namespace mfir;  // NOLINT: the macro needs plain names
+COLMAP_REGISTER_COMMAND("multi_frame_evaluator", RunMultiFrameEvaluator);
+COLMAP_REGISTER_COMMAND("multi_frame_intrinsics_refiner",
+                        RunMultiFrameIntrinsicsRefiner);
+COLMAP_REGISTER_COMMAND("multi_frame_simulator", RunMultiFrameSimulator);
+}  // namespace

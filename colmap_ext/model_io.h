@@ -1,0 +1,38 @@
+// COLMAP models on disk: finding them, and reading them with COLMAP's reader
+// such that bad files end in a message instead of an abort.
+
+#pragma once
+
+#include <string>
+
+namespace colmap {
+class Reconstruction;
+}
+
+namespace mfir {
+
+// Whether `path` holds cameras, images (both .bin or both .txt).
+bool IsModelFolder(const std::string& path);
+
+// The folder of a frame's sparse model: among FRAME/, FRAME/sparse/0, FRAME/0,
+// FRAME/sparse, FRAME/refined, and the numbered siblings FRAME/sparse/N and
+// FRAME/N, the one with most registered images (the first of the list on a
+// tie). "" when there is none. Throws InputError for an unreadable candidate.
+std::string FindSparseModel(const std::string& frame_path);
+
+// Reads the model in folder `path` (binary before text, as COLMAP does).
+// `require_points`: points3D must exist too; otherwise it may be missing.
+//
+// Throws InputError, naming the file, what is wrong where and what to do, for
+// everything that COLMAP's reader would crash, hang or stay silent on:
+// missing or truncated files, counts beyond the file size, trailing bytes,
+// unknown camera models, wrong number of parameters, malformed numbers (line),
+// non-finite values, zero quaternion, focal length <= 0, image size 0,
+// duplicate ids or image names, images of an unknown camera, observations of
+// unknown points, tracks that name unknown images, keypoints out of range, or
+// keypoints that do not point back to the track's point.
+void ReadModel(const std::string& path,
+               bool require_points,
+               colmap::Reconstruction* reconstruction);
+
+}  // namespace mfir

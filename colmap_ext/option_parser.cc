@@ -1,0 +1,275 @@
+#include "colmap_ext/option_parser.h"
+
+#include <algorithm>
+#include <fstream>
+#include <iomanip>
+#include <limits>
+#include <sstream>
+
+#include <boost/program_options.hpp>
+
+#include "colmap_ext/compat.h"
+#include "src/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace po = boost::program_options;
+
+std::string Section(const std::string& name) {
+  const size_t dot = name.find('.');
+  return dot == std::string::npos ? "" : name.substr(0, dot);
+}
+
+// Line of the ini file that sets `key` ("name" or "Section.name"); 0 if none.
+int FindIniLine(const std::string& path, const std::string& key) {
+  const std::string name = key.substr(key.find('.') + 1);
+  std::ifstream file(path);
+  std::string line;
+  std::string section;
+  for (int number = 1; std::getline(file, line); ++number) {
+    line.erase(std::remove_if(line.begin(), line.end(), ::isspace), line.end());
+    if (!line.empty() && line[0] == '[') {
+      section = line.substr(1, line.find(']') - 1);
+    } else if (section == Section(key) && line.rfind(name + "=", 0) == 0) {
+      return number;
+    }
+  }
+  return 0;
+}
+
+template <typename T>
+std::string ToString(const T& value) {
+  std::ostringstream stream;
+  // Shortest digits that read back to the same double.
+  for (int digits = 6; digits <= std::numeric_limits<double>::max_digits10;
+       ++digits) {
+    stream.str("");
+    stream << std::setprecision(digits) << value;
+    T read_back{};
+    if (std::istringstream(stream.str()) >> read_back && read_back == value) {
+      break;
+    }
+  }
+  return stream.str();
+}
+
+std::string ToString(const std::string& value) { return value; }
+
+// Levenshtein distance, for "did you mean".
+size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<size_t> row(b.size() + 1);
+  for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
+  for (size_t i = 1; i <= a.size(); ++i) {
+    size_t diagonal = row[0];
+    row[0] = i;
+    for (size_t j = 1; j <= b.size(); ++j) {
+      const size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
+      diagonal = row[j];
+      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substituted});
+    }
+  }
+  return row.back();
+}
+
+}  // namespace
+
+template <typename T>
+void OptionParser::Add(const std::string& name,
+                       T* value,
+                       const std::string& help) {
+  Option option;
+  option.name = name;
+  option.add = [name, value, help](colmap::OptionManager* manager) {
+    manager->AddDefaultOption(name, value, help);
+  };
+  option.value = [value]() { return ToString(*value); };
+  options_.push_back(std::move(option));
+}
+
+template void OptionParser::Add(const std::string&, bool*, const std::string&);
+template void OptionParser::Add(const std::string&, int*, const std::string&);
+template void OptionParser::Add(const std::string&,
+                                double*,
+                                const std::string&);
+template void OptionParser::Add(const std::string&,
+                                std::string*,
+                                const std::string&);
+
+void OptionParser::AddRequired(const std::string& name,
+                               std::string* value,
+                               const std::string& help) {
+  Add(name, value, help + " (required)");
+  options_.back().required = value;
+}
+
+void OptionParser::Parse(
+    int argc,
+    char** argv,
+    const std::string& preset_name,
+    const std::function<void(const std::string&)>& apply_preset) {
+  const std::vector<std::string> command_line(argv + 1, argv + argc);
+
+  po::options_description project_options;
+  std::string project_path;
+  std::string preset;
+  project_options.add_options()("project_path",
+                                po::value<std::string>(&project_path));
+  if (!preset_name.empty()) {
+    project_options.add_options()(preset_name.c_str(),
+                                  po::value<std::string>(&preset));
+  }
+  try {
+    po::variables_map map;
+    // No guessing of abbreviated names: "--MultiFrame.foo" must not match
+    // "--MultiFrame.foo_bar" while that is not registered here.
+    const int style = po::command_line_style::default_style &
+                      ~po::command_line_style::allow_guessing;
+    po::store(po::command_line_parser(command_line)
+                  .options(project_options)
+                  .style(style)
+                  .allow_unregistered()
+                  .run(),
+              map);
+    map.notify();
+  } catch (const po::error& error) {
+    throw UsageError(std::string(error.what()) + ". See --help.");
+  }
+
+  std::vector<std::string> ini_arguments;
+  if (!project_path.empty()) {
+    ini_arguments = ReadIni(project_path);
+  }
+  if (preset.empty() && !preset_name.empty()) {
+    const std::string prefix = "--" + preset_name + "=";
+    for (const std::string& argument : ini_arguments) {
+      if (argument.rfind(prefix, 0) == 0) {
+        preset = argument.substr(prefix.size());
+      }
+    }
+  }
+  if (!preset.empty()) {
+    apply_preset(preset);
+  }
+
+  // Each pass starts from the values the one before has set.
+  set_names_.clear();
+  ParsePass(ini_arguments);
+  ParsePass(command_line);
+  ini_arguments.insert(
+      ini_arguments.end(), command_line.begin(), command_line.end());
+  for (const std::string& argument : ini_arguments) {
+    if (argument.rfind("--", 0) == 0) {
+      set_names_.push_back(argument.substr(2, argument.find('=') - 2));
+    }
+  }
+  for (const Option& option : options_) {
+    if (option.required != nullptr && option.required->empty()) {
+      throw UsageError("The option --" + option.name +
+                       " is required. See --help.");
+    }
+  }
+}
+
+void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
+  colmap::OptionManager manager;
+  for (const Option& option : options_) {
+    option.add(&manager);
+  }
+  std::vector<std::string> filtered = {"colmap"};
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    // OptionManager would read the file itself and drop the command line.
+    if (arguments[i] == "--project_path") {
+      ++i;
+    } else if (arguments[i].rfind("--project_path=", 0) != 0) {
+      filtered.push_back(arguments[i]);
+    }
+  }
+  std::vector<char*> argv;
+  for (std::string& argument : filtered) {
+    argv.push_back(&argument[0]);
+  }
+  manager.Parse(static_cast<int>(argv.size()), argv.data());
+}
+
+std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
+  std::ifstream file(path);
+  if (!file) {
+    throw UsageError("--project_path " + path + ": cannot read the file.");
+  }
+  std::vector<po::option> ini_options;
+  try {
+    const po::options_description none;
+    ini_options = po::parse_config_file(file, none, true).options;
+  } catch (const po::error& error) {
+    throw UsageError("--project_path " + path + ": " + error.what() + ".");
+  }
+
+  std::vector<std::string> arguments;
+  std::vector<std::string> seen;
+  for (const po::option& ini_option : ini_options) {
+    const std::string& key = ini_option.string_key;
+    const std::string where =
+        path + ":" + std::to_string(FindIniLine(path, key)) + ": ";
+    if (Find(key) == nullptr) {
+      const std::string section = Section(key);
+      const Option* nearest = nullptr;
+      for (const Option& option : options_) {
+        if (!section.empty() && Section(option.name) == section &&
+            (nearest == nullptr || EditDistance(option.name, key) <
+                                       EditDistance(nearest->name, key))) {
+          nearest = &option;
+        }
+      }
+      if (nearest == nullptr) {
+        continue;  // An option of another command.
+      }
+      throw UsageError(where + "there is no option '" + key +
+                       "'. Did you mean '" + nearest->name + "'?");
+    }
+    if (std::find(seen.begin(), seen.end(), key) != seen.end()) {
+      throw UsageError(where + "'" + key + "' is set twice.");
+    }
+    seen.push_back(key);
+    arguments.push_back("--" + key + "=" +
+                        (ini_option.value.empty() ? "" : ini_option.value[0]));
+  }
+  return arguments;
+}
+
+const OptionParser::Option* OptionParser::Find(const std::string& name) const {
+  for (const Option& option : options_) {
+    if (option.name == name) {
+      return &option;
+    }
+  }
+  return nullptr;
+}
+
+bool OptionParser::IsSet(const std::string& name) const {
+  return std::find(set_names_.begin(), set_names_.end(), name) !=
+         set_names_.end();
+}
+
+void OptionParser::Write(const std::string& path) const {
+  std::ofstream file(path);
+  // Options without a section must come first in an ini file.
+  std::string section;
+  for (const bool sectioned : {false, true}) {
+    for (const Option& option : options_) {
+      if (Section(option.name).empty() == sectioned) continue;
+      if (Section(option.name) != section) {
+        section = Section(option.name);
+        file << "[" << section << "]\n";
+      }
+      file << option.name.substr(section.empty() ? 0 : section.size() + 1)
+           << "=" << option.value() << "\n";
+    }
+  }
+  file.close();
+  if (!file) {
+    throw OutputError(path + ": cannot write the file. Is the disk full?");
+  }
+}
+
+}  // namespace mfir

@@ -1,0 +1,62 @@
+// Command options on top of COLMAP's OptionManager, with what it lacks: the
+// command line overrides the project ini file, sections of other commands are
+// skipped, and a typo in a section of ours is an error.
+
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace colmap {
+class OptionManager;
+}
+
+namespace mfir {
+
+class OptionParser {
+ public:
+  // Registers an option, "name" or "Section.name", of type bool, int, double or
+  // std::string. The present *value is the default. `value` must outlive the
+  // parser.
+  template <typename T>
+  void Add(const std::string& name, T* value, const std::string& help);
+
+  // The same for a string that must not stay empty.
+  void AddRequired(const std::string& name,
+                   std::string* value,
+                   const std::string& help);
+
+  // Parses --project_path (if given), then the command line. If `preset_name`
+  // names a registered string option, `apply_preset` is called with its value
+  // before anything else is parsed, and sets defaults (explicit options win).
+  // Throws UsageError. With --help: prints the options and exits with 0.
+  void Parse(int argc,
+             char** argv,
+             const std::string& preset_name = "",
+             const std::function<void(const std::string&)>& apply_preset = {});
+
+  // Whether ini file or command line set the option.
+  bool IsSet(const std::string& name) const;
+
+  // All effective options as an ini file that --project_path takes. Throws
+  // OutputError.
+  void Write(const std::string& path) const;
+
+ private:
+  struct Option {
+    std::string name;
+    std::string* required = nullptr;
+    std::function<void(colmap::OptionManager*)> add;
+    std::function<std::string()> value;
+  };
+
+  void ParsePass(const std::vector<std::string>& arguments) const;
+  std::vector<std::string> ReadIni(const std::string& path) const;
+  const Option* Find(const std::string& name) const;
+
+  std::vector<Option> options_;
+  std::vector<std::string> set_names_;
+};
+
+}  // namespace mfir

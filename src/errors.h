@@ -1,0 +1,47 @@
+// Errors that end a command, each with the exit code of the contract
+// (README.md, "Exit codes").
+
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace mfir {
+
+enum ExitCode {
+  kExitSuccess = 0,
+  kExitUsage = 1,
+  kExitBadInput = 2,
+  kExitSolver = 3,
+  kExitOutput = 4,
+};
+
+// The message names the option, file, line or field, and says what to do.
+class Error : public std::runtime_error {
+ public:
+  Error(ExitCode exit_code, const std::string& message)
+      : std::runtime_error(message), exit_code(exit_code) {}
+  const ExitCode exit_code;
+};
+
+struct UsageError : Error {
+  explicit UsageError(const std::string& message)
+      : Error(kExitUsage, message) {}
+};
+
+struct InputError : Error {
+  explicit InputError(const std::string& message)
+      : Error(kExitBadInput, message) {}
+};
+
+struct SolverError : Error {
+  explicit SolverError(const std::string& message)
+      : Error(kExitSolver, message) {}
+};
+
+struct OutputError : Error {
+  explicit OutputError(const std::string& message)
+      : Error(kExitOutput, message) {}
+};
+
+}  // namespace mfir
