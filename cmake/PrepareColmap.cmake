@@ -2,9 +2,10 @@
 #
 #   mfir_prepare_colmap(SOURCE_DIR OUTPUT_DIR)
 #
-# The copy is made anew when the source path, its version or the patch changes;
-# the given tree is never written to (COLMAP 3.8 itself writes util/version.h
-# into its source tree, which alone is reason for the copy).
+# The copy is made anew when a file of the tree or the patch changes; the given
+# tree is never written to (COLMAP 3.8 itself writes util/version.h into its
+# source tree, which alone is reason for the copy). Only what COLMAP's build
+# reads is copied: an own tree may hold build folders and data.
 function(mfir_prepare_colmap source_dir output_dir)
     if(NOT EXISTS "${source_dir}/src/exe/colmap.cc")
         message(FATAL_ERROR
@@ -22,8 +23,23 @@ function(mfir_prepare_colmap source_dir output_dir)
     endif()
 
     file(SHA256 "${patch_file}" patch_hash)
-    file(SHA256 "${source_dir}/CMakeLists.txt" source_hash)
-    set(stamp "${source_dir}\n${source_hash}\n${patch_hash}\n")
+    set(stamp "${source_dir}\n${patch_hash}\n")
+    set(parts "${source_dir}/CMakeLists.txt")
+    foreach(folder cmake doc lib scripts src)
+        if(IS_DIRECTORY "${source_dir}/${folder}")
+            list(APPEND parts "${source_dir}/${folder}")
+        endif()
+    endforeach()
+    set(files "${source_dir}/CMakeLists.txt")
+    foreach(part ${parts})
+        file(GLOB_RECURSE part_files "${part}/*")
+        list(APPEND files ${part_files})
+    endforeach()
+    foreach(file ${files})
+        file(TIMESTAMP "${file}" time "%s")
+        file(SIZE "${file}" size)
+        string(APPEND stamp "${file} ${time} ${size}\n")
+    endforeach()
     set(stamp_file "${output_dir}.stamp")
     if(EXISTS "${stamp_file}")
         file(READ "${stamp_file}" old_stamp)
@@ -35,7 +51,7 @@ function(mfir_prepare_colmap source_dir output_dir)
     find_program(PATCH_EXECUTABLE patch REQUIRED)
     file(REMOVE "${stamp_file}")
     file(REMOVE_RECURSE "${output_dir}")
-    file(COPY "${source_dir}/" DESTINATION "${output_dir}" PATTERN ".git" EXCLUDE)
+    file(COPY ${parts} DESTINATION "${output_dir}")
     execute_process(
         COMMAND "${PATCH_EXECUTABLE}" --strip=1 --batch --fuzz=0 --input=${patch_file}
         WORKING_DIRECTORY "${output_dir}"

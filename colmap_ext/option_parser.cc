@@ -84,6 +84,7 @@ void OptionParser::Add(const std::string& name,
     manager->AddDefaultOption(name, value, help);
   };
   option.value = [value]() { return ToString(*value); };
+  option.json = [value]() { return nlohmann::ordered_json(*value); };
   options_.push_back(std::move(option));
 }
 
@@ -270,6 +271,14 @@ void OptionParser::Write(const std::string& path) const {
   if (!file) {
     throw OutputError(path + ": cannot write the file. Is the disk full?");
   }
+}
+
+nlohmann::ordered_json OptionParser::ToJson() const {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+  for (const Option& option : options_) {
+    json[option.name] = option.json();
+  }
+  return json;
 }
 
 }  // namespace mfir

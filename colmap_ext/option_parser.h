@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 namespace colmap {
 class OptionManager;
 }
@@ -43,12 +45,16 @@ class OptionParser {
   // OutputError.
   void Write(const std::string& path) const;
 
+  // The same as a JSON object by full name.
+  nlohmann::ordered_json ToJson() const;
+
  private:
   struct Option {
     std::string name;
     std::string* required = nullptr;
     std::function<void(colmap::OptionManager*)> add;
     std::function<std::string()> value;
+    std::function<nlohmann::ordered_json()> json;
   };
 
   void ParsePass(const std::vector<std::string>& arguments) const;

@@ -46,10 +46,10 @@ struct Rig {
 // Distortion: KRT's five coefficients (k1 k2 p1 p2 k3) and OpenCV's dist become
 // PINHOLE when all zero, OPENCV when k3 = 0, FULL_OPENCV otherwise.
 //
-// Throws InputError (names file and line or field) for: missing path, unreadable
-// or malformed file, non-finite values, rotation that is not one (RtR differs
-// from the identity by more than 1e-3 or det < 0), focal length <= 0, the same
-// camera twice, no camera at all.
+// Throws InputError (names file and line or field) for: missing path,
+// unreadable or malformed file, non-finite values, rotation that is not one
+// (RtR differs from the identity by more than 1e-3 or det < 0), focal length <=
+// 0, the same camera twice, no camera at all.
 Rig ReadRig(const std::string& path,
             const std::string& format,
             const CameraNaming& naming,
@@ -57,10 +57,10 @@ Rig ReadRig(const std::string& path,
 
 // Writes a KRT file: blocks "name / K (3 rows) / distortion (k1 k2 p1 p2 k3) /
 // [R|t] (3 rows) / empty line", %.17g. Cameras without model are an error in
-// the caller. Models whose distortion KRT cannot hold (fisheye, FOV, thin prism,
-// FULL_OPENCV with k4..k6) are written with their focal length and principal
-// point and zero distortion; their names are returned so that the caller can
-// say so. Throws OutputError.
+// the caller. Models whose distortion KRT cannot hold (fisheye, FOV, thin
+// prism, FULL_OPENCV with k4..k6) are written with their focal length and
+// principal point and zero distortion; their names are returned so that the
+// caller can say so. Throws OutputError.
 std::vector<std::string> WriteKRT(const std::string& path,
                                   const std::vector<KnownCamera>& cameras);
 

@@ -9,26 +9,30 @@ namespace mfir {
 
 // Rule that extracts a camera name from an image name.
 //
-// With a regular expression (one capture group, searched in the image name): the
-// captured text. Without one, the first rule below whose result differs for all
-// given names of one frame (all images of a frame belong to different cameras);
-// if none does, the first that applies to all of them, so that the caller finds
-// the duplicates:
+// With a regular expression (one capture group, searched in the image name):
+// the captured text. Without one, the first rule below whose result differs for
+// all given names of one frame (all images of a frame belong to different
+// cameras); if none does, the first that applies to all of them, so that the
+// caller finds the duplicates:
 //   1. the paper's "camera(\d+)_frame\d+",
 //   2. the file stem ("cam07.png" -> "cam07"),
 //   3. the first folder ("cam07/000123.jpg" -> "cam07").
-// Names that are numbers compare as numbers: results are canonical, "000012" and
-// "12" both give "12".
+// Names that are numbers compare as numbers: results are canonical, "000012"
+// and "12" both give "12".
 class CameraNaming {
  public:
-  // An empty `regex` selects the default rules. Throws UsageError when it is not
-  // a valid regular expression (ECMAScript) or has not exactly one group.
+  // An empty `regex` selects the default rules. Throws UsageError when it is
+  // not a valid regular expression (ECMAScript) or has not exactly one group.
   explicit CameraNaming(const std::string& regex = "");
 
   // Camera names for the image names of one frame (or of RIG), in order. An
   // image the regex does not match gets "" (the caller reports it).
   std::vector<std::string> Names(
       const std::vector<std::string>& image_names) const;
+
+  // The same for a file that names cameras, not images (KRT, OpenCV): the name
+  // itself, or what the regex captures of it if one is given and matches.
+  std::string CameraName(const std::string& name) const;
 
  private:
   std::string regex_;

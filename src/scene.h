@@ -3,12 +3,11 @@
 
 #pragma once
 
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstddef>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 
 #include "camera_model.h"
 
@@ -57,7 +56,7 @@ struct FrameImage {
 };
 
 struct Observation {
-  size_t image_idx = 0;  // into Frame::images
+  size_t image_idx = 0;                          // into Frame::images
   Eigen::Vector2d xy = Eigen::Vector2d::Zero();  // pixels
 };
 

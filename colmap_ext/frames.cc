@@ -1,0 +1,466 @@
+#include "colmap_ext/frames.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <set>
+
+#include "colmap_ext/camera_models.h"
+#include "colmap_ext/model_io.h"
+#include "src/alignment.h"
+#include "src/camera_conversion.h"
+#include "src/errors.h"
+
+namespace mfir {
+namespace {
+
+constexpr size_t kMinNumImages = 3;
+
+std::vector<std::string> ListFrames(const std::string& frames_path,
+                                    const std::string& frame_list_path) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(frames_path)) {
+    throw InputError(
+        "--input_path " + frames_path +
+        " is not a folder. Give the folder with one sub-folder per frame.");
+  }
+  std::vector<std::string> names;
+  if (frame_list_path.empty()) {
+    for (const auto& entry : fs::directory_iterator(frames_path)) {
+      if (entry.is_directory()) {
+        names.push_back(entry.path().filename().string());
+      }
+    }
+    if (names.empty()) {
+      throw InputError("--input_path " + frames_path +
+                       " has no sub-folder. Give the folder with one "
+                       "sub-folder per frame.");
+    }
+  } else {
+    std::ifstream file(frame_list_path);
+    if (!file) {
+      throw InputError("--frame_list_path " + frame_list_path +
+                       ": cannot read the file.");
+    }
+    std::string line;
+    for (int number = 1; std::getline(file, line); ++number) {
+      colmap::StringTrim(&line);
+      if (line.empty() || line[0] == '#') continue;
+      if (!fs::is_directory(fs::path(frames_path) / line)) {
+        throw InputError(frame_list_path + ":" + std::to_string(number) +
+                         ": there is no frame '" + line + "' in " +
+                         frames_path + ".");
+      }
+      names.push_back(line);
+    }
+    if (names.empty()) {
+      throw InputError("--frame_list_path " + frame_list_path +
+                       " names no frame.");
+    }
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  return names;
+}
+
+// Images of the frame by index of their rig camera; the others are reported.
+void MatchImages(const CameraNaming& naming,
+                 const std::map<std::string, size_t>& camera_idxs,
+                 FrameModel* frame,
+                 Capture* capture) {
+  std::vector<colmap::image_t> image_ids = frame->reconstruction->RegImageIds();
+  std::sort(image_ids.begin(), image_ids.end());
+  std::vector<std::string> image_names;
+  for (const colmap::image_t image_id : image_ids) {
+    image_names.push_back(frame->reconstruction->Image(image_id).Name());
+  }
+  const std::vector<std::string> camera_names = naming.Names(image_names);
+  std::map<std::string, std::string> image_of_camera;
+  for (size_t i = 0; i < image_ids.size(); ++i) {
+    const auto it = camera_idxs.find(camera_names[i]);
+    if (it == camera_idxs.end()) {
+      capture->images_without_camera.push_back(frame->name + "/" +
+                                               image_names[i]);
+      frame->reconstruction->DeRegisterImage(image_ids[i]);
+      continue;
+    }
+    const auto inserted =
+        image_of_camera.emplace(camera_names[i], image_names[i]);
+    if (!inserted.second) {
+      throw InputError(frame->model_path + ": the images '" +
+                       inserted.first->second + "' and '" + image_names[i] +
+                       "' of one frame belong to the same camera '" +
+                       camera_names[i] +
+                       "'. Set --MultiFrame.camera_name_regex to a pattern "
+                       "whose group is the camera's name.");
+    }
+    frame->image_ids[it->second] = image_ids[i];
+  }
+}
+
+// Gives every image a camera of its own, with id = index of the rig camera + 1.
+void SplitCameras(FrameModel* frame) {
+  colmap::Reconstruction& reconstruction = *frame->reconstruction;
+  std::map<colmap::camera_t, colmap::Camera> cameras;
+  for (const auto& idx_and_image : frame->image_ids) {
+    colmap::Camera camera = reconstruction.Camera(
+        reconstruction.Image(idx_and_image.second).CameraId());
+    camera.SetCameraId(static_cast<colmap::camera_t>(idx_and_image.first + 1));
+    cameras.emplace(camera.CameraId(), camera);
+  }
+  for (const auto& idx_and_image : frame->image_ids) {
+    reconstruction.Image(idx_and_image.second)
+        .SetCameraId(static_cast<colmap::camera_t>(idx_and_image.first + 1));
+  }
+  for (const auto& id_and_camera : cameras) {
+    if (reconstruction.ExistsCamera(id_and_camera.first)) {
+      reconstruction.Camera(id_and_camera.first) = id_and_camera.second;
+    } else {
+      reconstruction.AddCamera(id_and_camera.second);
+    }
+  }
+  // Removes the images and cameras that are not used any more.
+  reconstruction.TearDown();
+}
+
+void ConvertCameras(const CameraModel& target, FrameModel* frame) {
+  for (const auto& idx_and_image : frame->image_ids) {
+    colmap::Camera& camera = frame->reconstruction->Camera(
+        static_cast<colmap::camera_t>(idx_and_image.first + 1));
+    const CameraModel& source = *FindCameraModel(camera.ModelId());
+    if (&source == &target) continue;
+    const std::vector<double> params = ConvertCameraParams(
+        source, camera.Params(), camera.Width(), camera.Height(), target);
+    camera.SetModelId(CameraModelId(target));
+    camera.SetParams(params);
+  }
+}
+
+// All images of a physical camera must have the same lens model and size.
+void CheckCameras(const FrameModel& frame,
+                  const std::vector<FrameModel>& previous_frames,
+                  const std::vector<KnownCamera>& known_cameras) {
+  for (const auto& idx_and_image : frame.image_ids) {
+    const KnownCamera& known = known_cameras[idx_and_image.first];
+    const auto camera_id =
+        static_cast<colmap::camera_t>(idx_and_image.first + 1);
+    const colmap::Camera& camera = frame.reconstruction->Camera(camera_id);
+    const std::string what = "Camera '" + known.name + "' of frame '" +
+                             frame.name + "' (" + frame.model_path + ") has ";
+    const std::string size = std::to_string(camera.Width()) + " x " +
+                             std::to_string(camera.Height()) + " pixels";
+    if (known.width > 0 &&
+        (known.width != camera.Width() || known.height != camera.Height())) {
+      throw InputError(what + size + ", but RIG says " +
+                       std::to_string(known.width) + " x " +
+                       std::to_string(known.height) +
+                       ". Is it the RIG of this array and resolution?");
+    }
+    for (const FrameModel& previous : previous_frames) {
+      if (previous.image_ids.count(idx_and_image.first) == 0) continue;
+      const colmap::Camera& other = previous.reconstruction->Camera(camera_id);
+      if (other.ModelId() != camera.ModelId()) {
+        throw InputError(what + "the camera model " + camera.ModelName() +
+                         ", but " + other.ModelName() + " in frame '" +
+                         previous.name +
+                         "'. Convert all with --MultiFrame.camera_model.");
+      }
+      if (other.Width() != camera.Width() ||
+          other.Height() != camera.Height()) {
+        throw InputError(
+            what + size + ", but " + std::to_string(other.Width()) + " x " +
+            std::to_string(other.Height()) + " in frame '" + previous.name +
+            "'. Leave one of them out with "
+            "--frame_list_path.");
+      }
+      break;
+    }
+  }
+}
+
+size_t NumTracks(const colmap::Reconstruction& reconstruction) {
+  size_t num_tracks = 0;
+  for (const auto& id_and_point : reconstruction.Points3D()) {
+    num_tracks += id_and_point.second.Track().Length() >= 2;
+  }
+  return num_tracks;
+}
+
+FrameModel ReadFrame(const std::string& frames_path,
+                     const std::string& name,
+                     const CameraNaming& naming,
+                     const std::map<std::string, size_t>& camera_idxs,
+                     const CameraModel* target_model,
+                     Capture* capture) {
+  FrameModel frame;
+  frame.name = name;
+  frame.model_path =
+      FindSparseModel((std::filesystem::path(frames_path) / name).string());
+  if (frame.model_path.empty()) {
+    frame.skip_reason = "it has no sparse model";
+    return frame;
+  }
+  frame.reconstruction = std::make_unique<colmap::Reconstruction>();
+  ReadModel(frame.model_path, true, frame.reconstruction.get());
+  MatchImages(naming, camera_idxs, &frame, capture);
+  SplitCameras(&frame);
+  if (target_model != nullptr) {
+    ConvertCameras(*target_model, &frame);
+  }
+  if (frame.image_ids.size() < kMinNumImages) {
+    frame.skip_reason = "only " + std::to_string(frame.image_ids.size()) +
+                        " of its images belong to cameras of the rig, " +
+                        std::to_string(kMinNumImages) + " are needed";
+  } else if (NumTracks(*frame.reconstruction) == 0) {
+    frame.skip_reason = "it has no points seen by two cameras of the rig";
+  }
+  return frame;
+}
+
+// Drops cameras without images from the capture and renumbers the others.
+void RemoveCamerasWithoutImages(Capture* capture) {
+  std::set<size_t> used;
+  for (const FrameModel& frame : capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    for (const auto& idx_and_image : frame.image_ids) {
+      used.insert(idx_and_image.first);
+    }
+  }
+  std::vector<KnownCamera> cameras;
+  std::map<size_t, size_t> new_idxs;
+  for (size_t i = 0; i < capture->cameras.size(); ++i) {
+    if (used.count(i) > 0) {
+      new_idxs[i] = cameras.size();
+      cameras.push_back(capture->cameras[i]);
+    } else {
+      capture->cameras_without_images.push_back(capture->cameras[i].name);
+    }
+  }
+  if (cameras.size() == capture->cameras.size()) return;
+  capture->cameras = std::move(cameras);
+  for (FrameModel& frame : capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    std::map<size_t, colmap::image_t> image_ids;
+    for (const auto& idx_and_image : frame.image_ids) {
+      image_ids[new_idxs.at(idx_and_image.first)] = idx_and_image.second;
+    }
+    frame.image_ids = std::move(image_ids);
+    // Camera ids follow the indices.
+    SplitCameras(&frame);
+  }
+}
+
+std::vector<colmap::point3D_t> SortedTracks(
+    const colmap::Reconstruction& reconstruction) {
+  std::vector<colmap::point3D_t> ids;
+  for (const auto& id_and_point : reconstruction.Points3D()) {
+    if (id_and_point.second.Track().Length() >= 2) {
+      ids.push_back(id_and_point.first);
+    }
+  }
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+}  // namespace
+
+size_t Capture::NumUsedFrames() const {
+  return std::count_if(
+      frames.begin(), frames.end(), [](const FrameModel& frame) {
+        return frame.skip_reason.empty();
+      });
+}
+
+Capture ReadCapture(const std::string& frames_path,
+                    const std::string& frame_list_path,
+                    const Rig& rig,
+                    const MultiFrameOptions& options) {
+  const CameraModel* target_model = nullptr;
+  if (!options.camera_model.empty()) {
+    target_model = FindCameraModel(options.camera_model);
+    if (target_model == nullptr) {
+      throw UsageError("--MultiFrame.camera_model '" + options.camera_model +
+                       "' is not a camera model of COLMAP.");
+    }
+  }
+
+  Capture capture;
+  capture.cameras = rig.cameras;
+  std::sort(capture.cameras.begin(),
+            capture.cameras.end(),
+            [](const KnownCamera& a, const KnownCamera& b) {
+              return CameraNameLess(a.name, b.name);
+            });
+  std::map<std::string, size_t> camera_idxs;
+  for (size_t i = 0; i < capture.cameras.size(); ++i) {
+    camera_idxs[capture.cameras[i].name] = i;
+  }
+
+  const CameraNaming naming(options.camera_name_regex);
+  const std::vector<std::string> names =
+      ListFrames(frames_path, frame_list_path);
+  bool any_match = false;
+  for (size_t i = 0; i < names.size(); ++i) {
+    FrameModel frame = ReadFrame(
+        frames_path, names[i], naming, camera_idxs, target_model, &capture);
+    any_match = any_match || !frame.image_ids.empty();
+    CheckCameras(frame, capture.frames, capture.cameras);
+    if (!options.quiet) {
+      std::cout << colmap::StringPrintf(
+          "Frame %zu / %zu '%s': ", i + 1, names.size(), frame.name.c_str());
+      if (frame.skip_reason.empty()) {
+        std::cout << frame.image_ids.size() << " images, "
+                  << frame.reconstruction->NumPoints3D() << " points"
+                  << std::endl;
+      } else {
+        std::cout << "skipped: " << frame.skip_reason << std::endl;
+      }
+    }
+    if (!frame.skip_reason.empty()) {
+      frame.reconstruction.reset();
+    }
+    capture.frames.push_back(std::move(frame));
+  }
+  if (!any_match && !capture.images_without_camera.empty()) {
+    throw InputError(
+        "No image of any frame belongs to a camera of RIG: image '" +
+        capture.images_without_camera.front() + "', camera '" +
+        capture.cameras.front().name +
+        "'. Is it the RIG of this array? Otherwise set "
+        "--MultiFrame.camera_name_regex so that both give the same names.");
+  }
+  if (capture.NumUsedFrames() == 0) {
+    throw InputError("No frame in " + frames_path + " is usable; the first, '" +
+                     capture.frames.front().name + "', is not because " +
+                     capture.frames.front().skip_reason + ".");
+  }
+  RemoveCamerasWithoutImages(&capture);
+  return capture;
+}
+
+void AlignFrames(const Similarity3& new_from_rig, Capture* capture) {
+  std::string first_failure;
+  for (FrameModel& frame : capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    std::vector<Rigid3> frame_poses;
+    std::vector<Rigid3> rig_poses;
+    for (const auto& idx_and_image : frame.image_ids) {
+      frame_poses.push_back(
+          CamFromWorld(frame.reconstruction->Image(idx_and_image.second)));
+      rig_poses.push_back(capture->cameras[idx_and_image.first].cam_from_world);
+    }
+    const PoseAlignment alignment = AlignPoses(frame_poses, rig_poses);
+    if (!alignment.failure.empty()) {
+      frame.skip_reason = alignment.failure;
+      frame.reconstruction.reset();
+      if (first_failure.empty()) {
+        first_failure = "frame '" + frame.name + "': " + alignment.failure;
+      }
+      continue;
+    }
+    frame.alignment_rms = alignment.rms_center_error;
+    TransformReconstruction(new_from_rig * alignment.target_from_source,
+                            frame.reconstruction.get());
+  }
+  if (capture->NumUsedFrames() == 0) {
+    throw InputError("No frame can be aligned to the known extrinsics (" +
+                     first_failure + "). Is it the RIG of this array?");
+  }
+  RemoveCamerasWithoutImages(capture);
+}
+
+Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
+  Scene scene;
+  for (const KnownCamera& known : capture.cameras) {
+    RigCamera camera;
+    camera.name = known.name;
+    camera.cam_from_world = TransformPose(new_from_rig, known.cam_from_world);
+    scene.cameras.push_back(camera);
+  }
+  for (const FrameModel& model : capture.frames) {
+    if (!model.skip_reason.empty()) continue;
+    const colmap::Reconstruction& reconstruction = *model.reconstruction;
+    Frame frame;
+    frame.name = model.name;
+    std::map<colmap::image_t, size_t> image_idxs;
+    for (const auto& idx_and_image : model.image_ids) {
+      const colmap::Image& image = reconstruction.Image(idx_and_image.second);
+      const colmap::Camera& camera = reconstruction.Camera(image.CameraId());
+      RigCamera& rig_camera = scene.cameras[idx_and_image.first];
+      rig_camera.model = FindCameraModel(camera.ModelId());
+      rig_camera.width = camera.Width();
+      rig_camera.height = camera.Height();
+      image_idxs[idx_and_image.second] = frame.images.size();
+      frame.images.push_back(
+          {idx_and_image.first, CamFromWorld(image), camera.Params()});
+    }
+    for (const colmap::point3D_t point_id : SortedTracks(reconstruction)) {
+      const colmap::Point3D& point = reconstruction.Point3D(point_id);
+      frame.points.push_back(point.XYZ());
+      for (const colmap::TrackElement& element : point.Track().Elements()) {
+        frame.observations.push_back({image_idxs.at(element.image_id),
+                                      reconstruction.Image(element.image_id)
+                                          .Point2D(element.point2D_idx)
+                                          .XY()});
+      }
+      std::stable_sort(frame.observations.begin() + frame.track_begins.back(),
+                       frame.observations.end(),
+                       [](const Observation& a, const Observation& b) {
+                         return a.image_idx < b.image_idx;
+                       });
+      frame.track_begins.push_back(frame.observations.size());
+    }
+    scene.frames.push_back(std::move(frame));
+  }
+  return scene;
+}
+
+void UpdateReconstructions(const Similarity3& new_from_rig,
+                           const Scene& scene,
+                           bool single_frame_mode,
+                           Capture* capture) {
+  const Similarity3 rig_from_new = Inverse(new_from_rig);
+  size_t frame_idx = 0;
+  for (FrameModel& model : capture->frames) {
+    if (!model.skip_reason.empty()) continue;
+    const Frame& frame = scene.frames[frame_idx++];
+    colmap::Reconstruction& reconstruction = *model.reconstruction;
+    for (const FrameImage& frame_image : frame.images) {
+      colmap::Image& image =
+          reconstruction.Image(model.image_ids.at(frame_image.camera_idx));
+      SetCamFromWorld(capture->cameras[frame_image.camera_idx].cam_from_world,
+                      &image);
+      reconstruction.Camera(image.CameraId())
+          .SetParams(single_frame_mode
+                         ? frame_image.params
+                         : scene.cameras[frame_image.camera_idx].params);
+    }
+    const std::vector<colmap::point3D_t> point_ids =
+        SortedTracks(reconstruction);
+    for (size_t i = 0; i < point_ids.size(); ++i) {
+      colmap::Point3D& point = reconstruction.Point3D(point_ids[i]);
+      point.SetXYZ(rig_from_new * frame.points[i]);
+      double error_sum = 0.0;
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        const FrameImage& image = frame.images[observation.image_idx];
+        const RigCamera& camera = scene.cameras[image.camera_idx];
+        const Eigen::Vector3d p = camera.cam_from_world * frame.points[i];
+        Eigen::Vector2d xy;
+        camera.model->Project(
+            single_frame_mode ? image.params.data() : camera.params.data(),
+            p.x() / p.z(),
+            p.y() / p.z(),
+            xy.data());
+        error_sum += (xy - observation.xy).norm();
+      }
+      point.SetError(error_sum / static_cast<double>(frame.track_begins[i + 1] -
+                                                     frame.track_begins[i]));
+    }
+  }
+}
+
+}  // namespace mfir

@@ -1,0 +1,76 @@
+// The frames of a capture as COLMAP reconstructions, restricted to the cameras
+// of the rig.
+
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "colmap_ext/compat.h"
+#include "colmap_ext/rig_io.h"
+#include "src/options.h"
+#include "src/scene.h"
+
+namespace mfir {
+
+struct FrameModel {
+  std::string name;
+  std::string model_path;
+  // Why the frame takes no part; empty: it does.
+  std::string skip_reason;
+  // Images of rig cameras only. Every image has a camera of its own, whose id
+  // is the rig camera's index + 1.
+  std::unique_ptr<colmap::Reconstruction> reconstruction;
+  std::map<size_t, colmap::image_t> image_ids;  // by index of the rig camera
+  // After AlignFrames: RMS distance of the inliers' camera centres from the
+  // known ones, in units of the rig.
+  double alignment_rms = 0.0;
+};
+
+struct Capture {
+  // The cameras of RIG, in the order of their names, that have images.
+  std::vector<KnownCamera> cameras;
+  std::vector<FrameModel> frames;  // in the order of their names
+  // Left out, for the report.
+  std::vector<std::string> cameras_without_images;
+  std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
+
+  size_t NumUsedFrames() const;
+};
+
+// Reads all frames in `frames_path` (those of `frame_list_path`, one name per
+// line, if not empty), matches their images with the cameras of `rig`, and
+// converts cameras to options.camera_model if set. Frames without a model, with
+// fewer than three cameras of the rig, or without points are skipped with a
+// reason. Throws InputError: no frames, a frame of the list that does not
+// exist, unreadable models, two images of a frame with the same camera, camera
+// models or image sizes of a camera that differ between frames or from RIG, no
+// image of any camera of the rig, no usable frame.
+Capture ReadCapture(const std::string& frames_path,
+                    const std::string& frame_list_path,
+                    const Rig& rig,
+                    const MultiFrameOptions& options);
+
+// Moves each frame robustly (AlignPoses) into the coordinates `new_from_rig`
+// away from the rig's. Skips frames that do not align; throws InputError if
+// none does.
+void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
+
+// Arrays of the used frames, with the rig's known extrinsics in the
+// coordinates `new_from_rig`. Ordered by camera, image and point id, so that
+// the order on disk does not matter. Intrinsics of the rig's cameras are not
+// set.
+Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture);
+
+// Makes the reconstructions of the used frames the refined ones, in the rig's
+// coordinates: points of the scene, known extrinsics, and the intrinsics of the
+// rig, or of the frame where `single_frame_mode`. Point errors are the mean
+// reprojection errors (px), as in COLMAP.
+void UpdateReconstructions(const Similarity3& new_from_rig,
+                           const Scene& scene,
+                           bool single_frame_mode,
+                           Capture* capture);
+
+}  // namespace mfir

@@ -1,0 +1,38 @@
+// What COLMAP's reader takes for granted about the files of a sparse model,
+// checked before it runs: it aborts, hangs or misreads otherwise.
+
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+namespace colmap {
+class Reconstruction;
+}
+
+namespace mfir {
+
+// Paths of a model's files, all binary or all text.
+struct ModelFiles {
+  bool is_binary = true;
+  std::string cameras;
+  std::string images;
+  std::string points3D;  // empty: there is none
+};
+
+// The whole file. Throws InputError if it cannot be read.
+std::string ReadModelFile(const std::string& path);
+
+// Checks structure, identifiers and quaternions (which the reader normalizes).
+// Returns the number of images. Throws InputError naming file and entry, or
+// file and line ("images.txt:12: ...").
+size_t CheckBinaryModel(const ModelFiles& files);
+size_t CheckTextModel(const ModelFiles& files);
+
+// Checks the values of a model that was read from `files`: finite, plausible,
+// consistent references between images and points. Throws InputError naming
+// the file and the camera, image or point.
+void CheckModelValues(const ModelFiles& files,
+                      const colmap::Reconstruction& reconstruction);
+
+}  // namespace mfir

@@ -1,0 +1,248 @@
+#include "colmap_ext/model_io.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <new>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "colmap_ext/compat.h"
+#include "colmap_ext/model_check.h"
+#include "src/camera_naming.h"
+#include "src/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsFile(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+bool IsFolder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
+// The files in `path`, binary before text. If `require_points`, points3D must
+// be among them.
+std::optional<ModelFiles> FindModelFiles(const fs::path& path,
+                                         bool require_points) {
+  for (const bool is_binary : {true, false}) {
+    const std::string extension = is_binary ? ".bin" : ".txt";
+    const fs::path cameras = path / ("cameras" + extension);
+    const fs::path images = path / ("images" + extension);
+    const fs::path points3D = path / ("points3D" + extension);
+    const bool has_points = IsFile(points3D);
+    if (IsFile(cameras) && IsFile(images) && (has_points || !require_points)) {
+      return ModelFiles{is_binary,
+                        cameras.string(),
+                        images.string(),
+                        has_points ? points3D.string() : ""};
+    }
+  }
+  return std::nullopt;
+}
+
+ModelFiles LocateModelFiles(const std::string& path, bool require_points) {
+  // As COLMAP, text with points before binary without.
+  std::optional<ModelFiles> files = FindModelFiles(path, true);
+  if (!files && !require_points) {
+    files = FindModelFiles(path, false);
+  }
+  if (!files) {
+    if (!IsFolder(path)) {
+      throw InputError(path +
+                       ": there is no such folder. Give the folder of a "
+                       "COLMAP model.");
+    }
+    throw InputError(path +
+                     ": no COLMAP model in this folder. It must have "
+                     "cameras and images" +
+                     (require_points ? " and points3D" : "") +
+                     ", all as .bin or all as .txt files.");
+  }
+  return *files;
+}
+
+size_t CheckModelFiles(const ModelFiles& files) {
+  return files.is_binary ? CheckBinaryModel(files) : CheckTextModel(files);
+}
+
+// A private folder with the same model and an empty points3D file, since
+// COLMAP reads nothing without one. Removed with the object.
+class ModelWithEmptyPoints {
+ public:
+  explicit ModelWithEmptyPoints(const ModelFiles& files) {
+    try {
+      std::string path =
+          (fs::temp_directory_path() / "colmap_model_XXXXXX").string();
+      if (mkdtemp(path.data()) == nullptr) {
+        throw std::system_error(errno, std::generic_category(), path);
+      }
+      path_ = path;
+      for (const fs::path file : {files.cameras, files.images}) {
+        fs::create_symlink(fs::absolute(file), path_ / file.filename());
+      }
+      const uint64_t num_points3D = 0;
+      std::ofstream points3D(
+          path_ / (files.is_binary ? "points3D.bin" : "points3D.txt"),
+          std::ios::binary);
+      if (files.is_binary) {
+        points3D.write(reinterpret_cast<const char*>(&num_points3D),
+                       sizeof(num_points3D));
+      }
+      points3D.close();
+      if (!points3D) {
+        throw std::system_error(errno, std::generic_category(), path);
+      }
+    } catch (const std::system_error& error) {
+      Remove();
+      throw OutputError(std::string("cannot make a temporary folder: ") +
+                        error.what() +
+                        ". Set TMPDIR to a folder that is writable.");
+    }
+  }
+  ~ModelWithEmptyPoints() { Remove(); }
+  ModelWithEmptyPoints(const ModelWithEmptyPoints&) = delete;
+  ModelWithEmptyPoints& operator=(const ModelWithEmptyPoints&) = delete;
+
+  std::string Path() const { return path_.string(); }
+
+ private:
+  void Remove() {
+    if (!path_.empty()) {
+      std::error_code error;
+      fs::remove_all(path_, error);
+    }
+  }
+
+  fs::path path_;
+};
+
+void ReadWithColmap(const std::string& path,
+                    const ModelFiles& files,
+                    colmap::Reconstruction* reconstruction) {
+  const auto read = [&](const std::string& folder) {
+    if (files.is_binary) {
+      reconstruction->ReadBinary(folder);
+    } else {
+      reconstruction->ReadText(folder);
+    }
+  };
+  try {
+    if (files.points3D.empty()) {
+      read(ModelWithEmptyPoints(files).Path());
+    } else {
+      read(path);
+    }
+  } catch (const Error&) {
+    throw;
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw InputError(path + ": COLMAP cannot read this model (" + error.what() +
+                     "). Export it again.");
+  }
+}
+
+// A model without points may have observations of the points that it had.
+void ForgetPoints(colmap::Reconstruction* reconstruction) {
+  for (const auto& id_and_image : reconstruction->Images()) {
+    colmap::Image& image = reconstruction->Image(id_and_image.first);
+    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+      image.ResetPoint3DForPoint2D(i);
+    }
+  }
+}
+
+// Sub-folders of `path` whose names are numbers, in the order of the numbers.
+std::vector<fs::path> NumberedFolders(const fs::path& path) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator it(path, error), end; !error && it != end;
+       it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    if (name.find_first_not_of("0123456789") == std::string::npos &&
+        IsFolder(it->path())) {
+      names.push_back(name);
+    }
+  }
+  std::sort(names.begin(), names.end(), CameraNameLess);
+  std::vector<fs::path> folders;
+  for (const std::string& name : names) {
+    folders.push_back(path / name);
+  }
+  return folders;
+}
+
+}  // namespace
+
+bool IsModelFolder(const std::string& path) {
+  return FindModelFiles(path, /*require_points=*/false).has_value();
+}
+
+std::string FindSparseModel(const std::string& frame_path) {
+  const fs::path frame = frame_path;
+  std::vector<fs::path> folders = {frame,
+                                   frame / "sparse" / "0",
+                                   frame / "0",
+                                   frame / "sparse",
+                                   frame / "refined"};
+  for (const fs::path& parent : {frame / "sparse", frame}) {
+    for (const fs::path& folder : NumberedFolders(parent)) {
+      if (folder.filename() != "0") {
+        folders.push_back(folder);
+      }
+    }
+  }
+  folders.erase(std::remove_if(folders.begin(),
+                               folders.end(),
+                               [](const fs::path& folder) {
+                                 return !IsModelFolder(folder.string());
+                               }),
+                folders.end());
+  if (folders.size() <= 1) {
+    return folders.empty() ? "" : folders[0].string();
+  }
+
+  std::string best_folder;
+  size_t max_num_images = 0;
+  for (const fs::path& folder : folders) {
+    ModelFiles files =
+        LocateModelFiles(folder.string(), /*require_points=*/false);
+    files.points3D.clear();  // only images count here
+    const size_t num_images = CheckModelFiles(files);
+    if (best_folder.empty() || num_images > max_num_images) {
+      best_folder = folder.string();
+      max_num_images = num_images;
+    }
+  }
+  return best_folder;
+}
+
+void ReadModel(const std::string& path,
+               bool require_points,
+               colmap::Reconstruction* reconstruction) {
+  const ModelFiles files = LocateModelFiles(path, require_points);
+  CheckModelFiles(files);
+  colmap::Reconstruction model;
+  ReadWithColmap(path, files, &model);
+  if (!require_points && model.NumPoints3D() == 0) {
+    ForgetPoints(&model);
+  }
+  CheckModelValues(files, model);
+  *reconstruction = std::move(model);
+}
+
+}  // namespace mfir

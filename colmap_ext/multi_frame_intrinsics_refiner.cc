@@ -1,0 +1,448 @@
+// The command multi_frame_intrinsics_refiner.
+
+#include <chrono>
+#include <cmath>
+#include <iostream>
+#include <limits>
+
+#include "colmap_ext/command.h"
+#include "colmap_ext/compat.h"
+#include "colmap_ext/frames.h"
+#include "colmap_ext/multi_frame_bundle_adjuster.h"
+#include "colmap_ext/option_parser.h"
+#include "colmap_ext/result_writer.h"
+#include "colmap_ext/rig_io.h"
+#include "src/alignment.h"
+#include "src/errors.h"
+#include "src/evaluation.h"
+#include "src/refinement.h"
+
+namespace mfir {
+namespace {
+
+struct RefinerOptions {
+  std::string input_path;
+  std::string extrinsics_path;
+  std::string output_path;
+  std::string image_path;
+  std::string frame_list_path;
+  std::string extrinsics_format = "auto";
+  double extrinsics_pixel_offset = std::numeric_limits<double>::quiet_NaN();
+  std::string ground_truth_path;
+  std::string ground_truth_format = "auto";
+  MultiFrameOptions multi_frame;
+};
+
+void AddPaths(RefinerOptions* options, OptionParser* parser) {
+  parser->AddRequired("input_path",
+                      &options->input_path,
+                      "Folder with one sub-folder per frame");
+  parser->AddRequired("extrinsics_path",
+                      &options->extrinsics_path,
+                      "Known extrinsics: COLMAP model, KRT file or intri.yml + "
+                      "extri.yml");
+  parser->AddRequired(
+      "output_path", &options->output_path, "Folder for the result");
+  parser->Add("image_path",
+              &options->image_path,
+              "Images, as IMAGES/FRAME/NAME or IMAGES/NAME");
+  parser->Add("frame_list_path",
+              &options->frame_list_path,
+              "File with the frames to use, one name per line");
+  parser->Add("extrinsics_format",
+              &options->extrinsics_format,
+              "auto, colmap, krt or opencv");
+  parser->Add("extrinsics_pixel_offset",
+              &options->extrinsics_pixel_offset,
+              "Added to principal points of the extrinsics file; nan: 0.5 for "
+              "opencv, else 0");
+  parser->Add("ground_truth_path",
+              &options->ground_truth_path,
+              "Cameras with true intrinsics, for the evaluation only");
+  parser->Add("ground_truth_format",
+              &options->ground_truth_format,
+              "auto, colmap, krt or opencv");
+}
+
+void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
+  const auto add = [&](const char* name, auto* value, const char* help) {
+    parser->Add(std::string("MultiFrame.") + name, value, help);
+  };
+  add("preset", &options->preset, "accurate or paper: defaults of the others");
+  add("reprojection_weight", &options->reprojection_weight, "lambda0");
+  add("rotation_prior_weight",
+      &options->rotation_prior_weight,
+      "lambda1, initial");
+  add("translation_prior_weight",
+      &options->translation_prior_weight,
+      "lambda2, initial");
+  add("featuremetric_weight",
+      &options->featuremetric_weight,
+      "lambda3; 0: no dense features");
+  add("focal_variance_weight",
+      &options->focal_variance_weight,
+      "lambda4, initial; 0 for this and the next: frames stay independent");
+  add("principal_point_variance_weight",
+      &options->principal_point_variance_weight,
+      "lambda5, initial");
+  add("extra_params_variance_weight",
+      &options->extra_params_variance_weight,
+      "The same for distortion, initial");
+  add("weight_growth",
+      &options->weight_growth,
+      "Factor on prior and variance weights after each solve");
+  add("max_prior_weight",
+      &options->max_prior_weight,
+      "Last prior weight of the schedule; below the initial ones: no schedule");
+  add("progressive",
+      &options->progressive,
+      "0: a single solve at the initial weights");
+  add("loss_scale",
+      &options->loss_scale,
+      "Cauchy scale (px); 0: loss estimated from the residuals");
+  add("max_num_iterations",
+      &options->max_num_iterations,
+      "Iterations of one solve");
+  add("refine_focal_length", &options->refine_focal_length, "");
+  add("refine_principal_point", &options->refine_principal_point, "");
+  add("refine_extra_params", &options->refine_extra_params, "");
+  add("use_prior_intrinsics",
+      &options->use_prior_intrinsics,
+      "Start from the intrinsics of the extrinsics file");
+  add("camera_model",
+      &options->camera_model,
+      "COLMAP camera model to convert all cameras to");
+  add("camera_name_regex",
+      &options->camera_name_regex,
+      "One capture group: the camera name within an image name");
+  add("dense_features", &options->dense_features, "none");
+  add("use_gpu", &options->use_gpu, "-1: if there is one, 0, 1");
+  add("gpu_index", &options->gpu_index, "-1: any");
+  add("num_threads", &options->num_threads, "-1: all");
+  add("quiet", &options->quiet, "No progress output");
+}
+
+void CheckOptions(const RefinerOptions& options) {
+  options.multi_frame.Check();
+  for (const std::string* format :
+       {&options.extrinsics_format, &options.ground_truth_format}) {
+    if (*format != "auto" && *format != "colmap" && *format != "krt" &&
+        *format != "opencv") {
+      throw UsageError("The format '" + *format +
+                       "' must be auto, colmap, krt or opencv.");
+    }
+  }
+  if (std::isinf(options.extrinsics_pixel_offset)) {
+    throw UsageError("--extrinsics_pixel_offset must be finite.");
+  }
+  const std::string& features = options.multi_frame.dense_features;
+  if (!features.empty() && features != "none") {
+    throw UsageError(
+        "--MultiFrame.dense_features " + features +
+        ": this version has no dense features. Use 'none' or leave it out.");
+  }
+}
+
+// Measures and logs the stages of the pipeline.
+class Progress {
+ public:
+  explicit Progress(const RefinerOptions& options) : options_(options) {}
+
+  void Heading(const std::string& name) {
+    EndTiming();
+    name_ = name;
+    start_ = std::chrono::steady_clock::now();
+    if (!options_.multi_frame.quiet) colmap::PrintHeading1(name);
+  }
+
+  void Log(const std::string& line) const {
+    if (!options_.multi_frame.quiet) std::cout << line << std::endl;
+  }
+
+  StageCallback RecordStages(std::vector<Stage>* stages) const {
+    return [this, stages](const Stage& stage) {
+      stages->push_back(stage);
+      stages->back().index = static_cast<int>(stages->size()) - 1;
+      double cost = 0.0;
+      for (const auto& name_and_cost : stage.costs) {
+        cost += name_and_cost.second;
+      }
+      std::string prior;
+      for (const auto& name_and_weight : stage.weights) {
+        if (name_and_weight.first == "rotation_prior") {
+          prior = colmap::StringPrintf(", prior weight %g of %g",
+                                       name_and_weight.second,
+                                       options_.multi_frame.max_prior_weight);
+        }
+      }
+      const int num_schedule = options_.multi_frame.NumScheduleSolves();
+      const std::string number =
+          stage.name == "schedule"
+              ? colmap::StringPrintf("%zu / %d", stages->size(), num_schedule)
+              : std::to_string(stages->size());
+      Log(colmap::StringPrintf(
+          "Solve %s (%s%s): cost %.6g, rms %.3f px, %d iterations, %.1f s, %s",
+          number.c_str(),
+          stage.name.c_str(),
+          prior.c_str(),
+          cost,
+          stage.rms_px,
+          stage.num_iterations,
+          stage.time_s,
+          stage.termination.c_str()));
+    };
+  }
+
+  std::vector<std::pair<std::string, double>> Timings() {
+    EndTiming();
+    double total = 0.0;
+    for (const auto& timing : timings_) total += timing.second;
+    std::vector<std::pair<std::string, double>> timings = timings_;
+    timings.emplace_back("total", total);
+    return timings;
+  }
+
+ private:
+  void EndTiming() {
+    if (!name_.empty()) {
+      timings_.emplace_back(name_,
+                            std::chrono::duration<double>(
+                                std::chrono::steady_clock::now() - start_)
+                                .count());
+    }
+    name_.clear();
+  }
+
+  const RefinerOptions& options_;
+  std::string name_;
+  std::chrono::steady_clock::time_point start_;
+  std::vector<std::pair<std::string, double>> timings_;
+};
+
+void LogCapture(const Rig& rig,
+                const Capture& capture,
+                const Progress& progress) {
+  progress.Log(colmap::StringPrintf(
+      "%zu of %zu cameras of the rig (%s) have images, %zu of %zu frames are "
+      "used",
+      capture.cameras.size(),
+      rig.cameras.size(),
+      rig.format.c_str(),
+      capture.NumUsedFrames(),
+      capture.frames.size()));
+  for (const std::string& name : capture.cameras_without_images) {
+    progress.Log("Left out: camera '" + name + "' of the rig has no image");
+  }
+  for (const std::string& name : capture.images_without_camera) {
+    progress.Log("Left out: image '" + name + "' has no camera in the rig");
+  }
+}
+
+// Replaces the start by the intrinsics of RIG.
+void UsePriorIntrinsics(const Capture& capture, Scene* scene) {
+  for (size_t i = 0; i < scene->cameras.size(); ++i) {
+    const KnownCamera& known = capture.cameras[i];
+    RigCamera& camera = scene->cameras[i];
+    if (known.model != camera.model) {
+      throw InputError(
+          "--MultiFrame.use_prior_intrinsics: camera '" + known.name +
+          "' has " +
+          (known.model == nullptr ? "no intrinsics"
+                                  : "the camera model " + known.model->Name()) +
+          " in the extrinsics file, but " + camera.model->Name() +
+          " in the frames. Convert with --MultiFrame.camera_model.");
+    }
+    camera.params = known.params;
+    for (Frame& frame : scene->frames) {
+      for (FrameImage& image : frame.images) {
+        if (image.camera_idx == i) image.params = known.params;
+      }
+    }
+  }
+}
+
+nlohmann::ordered_json Evaluate(const RefinerOptions& options,
+                                const Scene& scene) {
+  if (options.ground_truth_path.empty()) return nullptr;
+  const Rig truth = ReadRig(options.ground_truth_path,
+                            options.ground_truth_format,
+                            CameraNaming(options.multi_frame.camera_name_regex),
+                            std::numeric_limits<double>::quiet_NaN());
+  std::vector<CameraIntrinsics> true_cameras;
+  for (const KnownCamera& camera : truth.cameras) {
+    true_cameras.push_back({camera.name,
+                            camera.model,
+                            camera.width,
+                            camera.height,
+                            camera.params});
+  }
+  FrameEstimate estimate;
+  for (const RigCamera& camera : scene.cameras) {
+    estimate.cameras.push_back({camera.name,
+                                camera.model,
+                                camera.width,
+                                camera.height,
+                                camera.params});
+  }
+  const Evaluation evaluation = EvaluateIntrinsics({estimate}, true_cameras);
+  if (!options.multi_frame.quiet) {
+    PrintEvaluation(evaluation, std::cout);
+  }
+  return EvaluationToJson(evaluation);
+}
+
+nlohmann::ordered_json DescribeInputs(const RefinerOptions& options,
+                                      const Rig& rig,
+                                      const Capture& capture) {
+  return {{"input_path", options.input_path},
+          {"extrinsics_path", options.extrinsics_path},
+          {"extrinsics_format", rig.format},
+          {"image_path", options.image_path},
+          {"num_rig_cameras", rig.cameras.size()},
+          {"cameras_without_images", capture.cameras_without_images},
+          {"images_without_camera", capture.images_without_camera}};
+}
+
+void LogAlignment(const Capture& capture, const Progress& progress) {
+  for (const FrameModel& frame : capture.frames) {
+    progress.Log(
+        "Frame '" + frame.name + "': " +
+        (frame.skip_reason.empty()
+             ? colmap::StringPrintf("rms of the camera centres %g rig units",
+                                    frame.alignment_rms)
+             : "skipped: " + frame.skip_reason));
+  }
+}
+
+// The paper's schedule over COLMAP's bundle adjustment problem; leaves points,
+// per-frame intrinsics and global intrinsics in the scene.
+void RunSchedule(const MultiFrameOptions& options,
+                 const Similarity3& normalized_from_rig,
+                 const StageCallback& callback,
+                 Capture* capture,
+                 Scene* scene) {
+  MultiFrameOptions schedule_options = options;
+  if (options.loss_scale == 0.0) {
+    schedule_options.loss_scale = EstimateCauchyScale(*scene);
+  }
+  MultiFrameBundleAdjuster(schedule_options).Run(callback, capture, scene);
+  const std::vector<RigCamera> cameras = std::move(scene->cameras);
+  *scene = BuildScene(normalized_from_rig, *capture);
+  if (options.SingleFrameMode()) {
+    InitializeIntrinsics(options, scene);
+  } else {
+    scene->cameras = cameras;
+  }
+}
+
+RefinementResult RefineScene(const MultiFrameOptions& options,
+                             const Similarity3& normalized_from_rig,
+                             const StageCallback& callback,
+                             Capture* capture,
+                             Scene* scene) {
+  const bool has_schedule = options.NumScheduleSolves() > 0;
+  if (has_schedule) {
+    RunSchedule(options, normalized_from_rig, callback, capture, scene);
+  }
+  MultiFrameOptions final_options = options;
+  if (!options.progressive) {
+    // The intrinsics stay what the soft prior gave; only the points follow the
+    // known extrinsics.
+    final_options.refine_focal_length = false;
+    final_options.refine_principal_point = false;
+    final_options.refine_extra_params = false;
+  }
+  return RefineFixedExtrinsics(final_options, !has_schedule, callback, scene);
+}
+
+void Refine(const RefinerOptions& options, const OptionParser& parser) {
+  const MultiFrameOptions& multi_frame = options.multi_frame;
+  Progress progress(options);
+  PrepareOutputFolder(options.output_path);
+
+  progress.Heading("Reading frames");
+  const Rig rig = ReadRig(options.extrinsics_path,
+                          options.extrinsics_format,
+                          CameraNaming(multi_frame.camera_name_regex),
+                          options.extrinsics_pixel_offset);
+  Capture capture = ReadCapture(
+      options.input_path, options.frame_list_path, rig, multi_frame);
+  LogCapture(rig, capture, progress);
+  if (multi_frame.featuremetric_weight > 0.0) {
+    progress.Log("No dense features: featuremetric_weight weighs nothing");
+  }
+
+  progress.Heading("Aligning frames");
+  std::vector<Rigid3> rig_poses;
+  for (const KnownCamera& camera : rig.cameras) {
+    rig_poses.push_back(camera.cam_from_world);
+  }
+  const Similarity3 normalized_from_rig = NormalizeRig(rig_poses);
+  AlignFrames(normalized_from_rig, &capture);
+  LogAlignment(capture, progress);
+
+  progress.Heading("Refining intrinsics");
+  Scene scene = BuildScene(normalized_from_rig, capture);
+  InitializeIntrinsics(multi_frame, &scene);
+  if (multi_frame.use_prior_intrinsics) UsePriorIntrinsics(capture, &scene);
+  RefinerResult result;
+  for (const RigCamera& camera : scene.cameras) {
+    result.initial_params.push_back(camera.params);
+  }
+  const bool single_frame_mode = multi_frame.SingleFrameMode();
+  result.rms_px_before = ReprojectionRms(scene, single_frame_mode);
+  result.refinement = RefineScene(multi_frame,
+                                  normalized_from_rig,
+                                  progress.RecordStages(&result.stages),
+                                  &capture,
+                                  &scene);
+  result.rms_px_after = ReprojectionRms(scene, single_frame_mode);
+  result.status = result.refinement.converged ? "converged" : "not_converged";
+  progress.Log(colmap::StringPrintf(
+      "%s: rms %.3f px before, %.3f px after; noise %.3f px, outliers %.1f %%",
+      result.status.c_str(),
+      result.rms_px_before.back(),
+      result.rms_px_after.back(),
+      result.refinement.noise_std_px,
+      100.0 * result.refinement.outlier_share));
+
+  progress.Heading("Writing result");
+  result.evaluation = Evaluate(options, scene);
+  result.inputs = DescribeInputs(options, rig, capture);
+  UpdateReconstructions(
+      normalized_from_rig, scene, single_frame_mode, &capture);
+  result.capture = &capture;
+  result.scene = &scene;
+  result.timings_s = progress.Timings();
+  for (const std::string& remark :
+       WriteResult(options.output_path, parser, result)) {
+    progress.Log(remark);
+  }
+  progress.Log("Written to " + options.output_path);
+  if (!result.refinement.converged) {
+    throw SolverError(
+        "The last solve did not converge within " +
+        std::to_string(multi_frame.max_num_iterations) +
+        " iterations; the result is written with status not_converged. Raise "
+        "--MultiFrame.max_num_iterations.");
+  }
+}
+
+}  // namespace
+
+int RunMultiFrameIntrinsicsRefiner(int argc, char** argv) {
+  return RunCommand([argc, argv]() {
+    RefinerOptions options;
+    options.multi_frame.ApplyPreset(options.multi_frame.preset);
+    OptionParser parser;
+    AddPaths(&options, &parser);
+    AddMultiFrameOptions(&options.multi_frame, &parser);
+    parser.Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
+      options.multi_frame.ApplyPreset(name);
+    });
+    CheckOptions(options);
+    Refine(options, parser);
+  });
+}
+
+}  // namespace mfir

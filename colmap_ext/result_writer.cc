@@ -1,0 +1,360 @@
+#include "colmap_ext/result_writer.h"
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "colmap_ext/camera_models.h"
+#include "colmap_ext/model_check.h"
+#include "src/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr double kMaxFocalStd = 0.05;  // relative
+
+Json NumberOrNull(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
+
+// The folder for unfinished output, removed with this object.
+class TemporaryFolder {
+ public:
+  explicit TemporaryFolder(const fs::path& parent)
+      : path_(parent / (".unfinished_" + std::to_string(getpid()))) {
+    std::error_code error;
+    fs::create_directories(path_, error);
+    if (error) {
+      throw OutputError("--output_path " + parent.string() +
+                        ": cannot write to the folder: " + error.message() +
+                        ".");
+    }
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  const fs::path& Path() const { return path_; }
+
+ private:
+  const fs::path path_;
+};
+
+void WriteTextFile(const fs::path& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  file.close();
+  if (!file) {
+    throw OutputError(path.string() +
+                      ": cannot write the file. Is the disk full?");
+  }
+}
+
+// COLMAP 3.8 does not check its writes; its files are checked afterwards.
+void WriteModel(const fs::path& path,
+                bool with_text,
+                const colmap::Reconstruction& reconstruction) {
+  fs::create_directories(path);
+  reconstruction.WriteBinary(path.string());
+  if (with_text) {
+    reconstruction.WriteText(path.string());
+  }
+  for (const bool is_binary : {true, false}) {
+    if (!is_binary && !with_text) continue;
+    const std::string extension = is_binary ? ".bin" : ".txt";
+    const ModelFiles files = {is_binary,
+                              (path / ("cameras" + extension)).string(),
+                              (path / ("images" + extension)).string(),
+                              (path / ("points3D" + extension)).string()};
+    try {
+      is_binary ? CheckBinaryModel(files) : CheckTextModel(files);
+    } catch (const InputError& error) {
+      throw OutputError("The model just written to " + path.string() +
+                        " is not complete: " + error.what() +
+                        " Is the disk full?");
+    }
+  }
+}
+
+std::vector<KnownCamera> RefinedCameras(const RefinerResult& result) {
+  std::vector<KnownCamera> cameras = result.capture->cameras;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const RigCamera& camera = result.scene->cameras[i];
+    cameras[i].model = camera.model;
+    cameras[i].width = camera.width;
+    cameras[i].height = camera.height;
+    cameras[i].params = camera.params;
+  }
+  return cameras;
+}
+
+colmap::Reconstruction MakeRigModel(const std::vector<KnownCamera>& cameras) {
+  colmap::Reconstruction reconstruction;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const auto id = static_cast<colmap::camera_t>(i + 1);
+    colmap::Camera camera;
+    camera.SetCameraId(id);
+    camera.SetModelId(CameraModelId(*cameras[i].model));
+    camera.SetWidth(cameras[i].width);
+    camera.SetHeight(cameras[i].height);
+    camera.SetParams(cameras[i].params);
+    camera.SetPriorFocalLength(true);
+    reconstruction.AddCamera(camera);
+
+    colmap::Image image;
+    image.SetImageId(id);
+    image.SetCameraId(id);
+    image.SetName(cameras[i].image_name);
+    SetCamFromWorld(cameras[i].cam_from_world, &image);
+    reconstruction.AddImage(image);
+    reconstruction.RegisterImage(id);
+  }
+  return reconstruction;
+}
+
+// One row per solve; columns are the terms of all of them.
+std::string MakeHistory(const std::vector<Stage>& stages) {
+  std::vector<std::string> names;
+  for (const Stage& stage : stages) {
+    for (const auto& name_and_weight : stage.weights) {
+      if (std::find(names.begin(), names.end(), name_and_weight.first) ==
+          names.end()) {
+        names.push_back(name_and_weight.first);
+      }
+    }
+  }
+  std::ostringstream csv;
+  csv.precision(17);
+  csv << "index,name,iterations,time_s,rms_px,termination";
+  for (const std::string& name : names) {
+    csv << "," << name << "_weight," << name << "_cost";
+  }
+  csv << "\n";
+  for (const Stage& stage : stages) {
+    csv << stage.index << "," << stage.name << "," << stage.num_iterations
+        << "," << stage.time_s << "," << stage.rms_px << ","
+        << stage.termination;
+    for (const std::string& name : names) {
+      for (const auto* values : {&stage.weights, &stage.costs}) {
+        csv << ",";
+        for (const auto& name_and_value : *values) {
+          if (name_and_value.first == name) csv << name_and_value.second;
+        }
+      }
+    }
+    csv << "\n";
+  }
+  return csv.str();
+}
+
+Json MakeFrames(const RefinerResult& result) {
+  Json frames = Json::array();
+  size_t frame_idx = 0;
+  for (const FrameModel& model : result.capture->frames) {
+    const bool used = model.skip_reason.empty();
+    const Frame* frame = used ? &result.scene->frames[frame_idx++] : nullptr;
+    frames.push_back(
+        {{"name", model.name},
+         {"status", used ? "used" : "skipped"},
+         {"reason", model.skip_reason},
+         {"num_images", used ? frame->images.size() : 0},
+         {"num_points", used ? frame->points.size() : 0},
+         {"num_observations", used ? frame->observations.size() : 0},
+         {"alignment_rms", used ? Json(model.alignment_rms) : Json(nullptr)}});
+  }
+  return frames;
+}
+
+Json MakeCameras(const RefinerResult& result) {
+  const Scene& scene = *result.scene;
+  std::vector<size_t> num_frames(scene.cameras.size(), 0);
+  std::vector<size_t> num_observations(scene.cameras.size(), 0);
+  for (const Frame& frame : scene.frames) {
+    std::vector<bool> seen(frame.images.size(), false);
+    for (const Observation& observation : frame.observations) {
+      seen[observation.image_idx] = true;
+      ++num_observations[frame.images[observation.image_idx].camera_idx];
+    }
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      num_frames[frame.images[i].camera_idx] += seen[i];
+    }
+  }
+
+  Json cameras = Json::array();
+  Eigen::Index param_begin = 0;
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    const RigCamera& camera = scene.cameras[i];
+    Json params_std = Json::array();
+    bool determined = true;
+    for (size_t j = 0; j < camera.params.size(); ++j) {
+      const Eigen::Index k = param_begin + static_cast<Eigen::Index>(j);
+      const double variance = result.refinement.covariance.size() == 0
+                                  ? std::nan("")
+                                  : result.refinement.covariance(k, k);
+      params_std.push_back(NumberOrNull(std::sqrt(variance)));
+      determined = determined && std::isfinite(variance);
+      for (const size_t idx : camera.model->FocalLengthIdxs()) {
+        if (j == idx) {
+          determined = determined &&
+                       std::sqrt(variance) < kMaxFocalStd * camera.params[idx];
+        }
+      }
+    }
+    param_begin += static_cast<Eigen::Index>(camera.params.size());
+    Json flags = Json::array();
+    if (num_observations[i] == 0) flags.push_back("no_observations");
+    if (num_observations[i] > 0 && !determined) {
+      flags.push_back("weakly_determined");
+    }
+    if (num_frames[i] == 1) flags.push_back("single_frame");
+    cameras.push_back({{"name", camera.name},
+                       {"model", camera.model->Name()},
+                       {"width", camera.width},
+                       {"height", camera.height},
+                       {"params", camera.params},
+                       {"params_initial", result.initial_params[i]},
+                       {"params_std", params_std},
+                       {"num_frames", num_frames[i]},
+                       {"num_observations", num_observations[i]},
+                       {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
+                       {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
+                       {"flags", flags}});
+  }
+  return cameras;
+}
+
+Json MakeStages(const std::vector<Stage>& stages) {
+  const auto to_object =
+      [](const std::vector<std::pair<std::string, double>>& values) {
+        Json object = Json::object();
+        for (const auto& value : values) {
+          object[value.first] = NumberOrNull(value.second);
+        }
+        return object;
+      };
+  Json json = Json::array();
+  for (const Stage& stage : stages) {
+    json.push_back({{"index", stage.index},
+                    {"name", stage.name},
+                    {"weights", to_object(stage.weights)},
+                    {"iterations", stage.num_iterations},
+                    {"time_s", stage.time_s},
+                    {"cost", to_object(stage.costs)},
+                    {"rms_px", NumberOrNull(stage.rms_px)},
+                    {"termination", stage.termination}});
+  }
+  return json;
+}
+
+size_t PeakRss() {
+  rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<size_t>(usage.ru_maxrss) * 1024;
+}
+
+// Moves `name` from the temporary folder to its place; what was there before
+// goes to the temporary folder and away with it.
+void MoveIntoPlace(const fs::path& temporary,
+                   const fs::path& output,
+                   const std::string& name) {
+  if (fs::exists(output / name)) {
+    fs::rename(output / name, temporary / ("old_" + name));
+  }
+  fs::rename(temporary / name, output / name);
+}
+
+}  // namespace
+
+void PrepareOutputFolder(const std::string& output_path) {
+  std::error_code error;
+  if (fs::exists(output_path) && !fs::is_directory(output_path)) {
+    throw OutputError("--output_path " + output_path +
+                      " is a file. Give a folder.");
+  }
+  fs::create_directories(output_path, error);
+  if (error) {
+    throw OutputError("--output_path " + output_path +
+                      ": cannot create the folder: " + error.message() + ".");
+  }
+  const TemporaryFolder temporary(output_path);
+  WriteTextFile(temporary.Path() / "test", "test");
+}
+
+Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
+  Json timings = Json::object();
+  for (const auto& name_and_time : result.timings_s) {
+    timings[name_and_time.first] = name_and_time.second;
+  }
+  Json summary = {
+      {"schema_version", 1},
+      {"tool",
+       {{"version", MFIR_VERSION},
+        {"colmap_version", colmap::GetVersionInfo()},
+        {"git", MFIR_GIT_COMMIT}}},
+      {"options", options.ToJson()},
+      {"inputs", result.inputs},
+      {"frames", MakeFrames(result)},
+      {"cameras", MakeCameras(result)},
+      {"stages", MakeStages(result.stages)},
+      {"result",
+       {{"status", result.status},
+        {"rms_px_before", NumberOrNull(result.rms_px_before.back())},
+        {"rms_px_after", NumberOrNull(result.rms_px_after.back())},
+        {"held_out_rms_px", nullptr},
+        {"last_focal_change", result.refinement.last_focal_change},
+        {"noise_std_px", result.refinement.noise_std_px},
+        {"outlier_share", result.refinement.outlier_share}}},
+      {"timings_s", timings},
+      {"peak_rss_bytes", PeakRss()}};
+  if (!result.evaluation.is_null()) {
+    summary["evaluation"] = result.evaluation;
+  }
+  return summary;
+}
+
+std::vector<std::string> WriteResult(const std::string& output_path,
+                                     const OptionParser& options,
+                                     const RefinerResult& result) {
+  std::vector<std::string> remarks;
+  const TemporaryFolder temporary(output_path);
+  const fs::path& path = temporary.Path();
+  try {
+    const std::vector<KnownCamera> cameras = RefinedCameras(result);
+    WriteModel(path / "rig", true, MakeRigModel(cameras));
+    for (const FrameModel& model : result.capture->frames) {
+      if (model.skip_reason.empty()) {
+        WriteModel(path / "frames" / model.name, false, *model.reconstruction);
+      }
+    }
+    for (const std::string& name : WriteKRT((path / "KRT").string(), cameras)) {
+      remarks.push_back("KRT cannot hold the distortion of camera '" + name +
+                        "'; it has zeros there.");
+    }
+    options.Write((path / "project.ini").string());
+    WriteTextFile(path / "history.csv", MakeHistory(result.stages));
+    WriteTextFile(path / "summary.json",
+                  MakeSummary(options, result)
+                          .dump(2, ' ', false, Json::error_handler_t::replace) +
+                      "\n");
+    for (const char* name : {"rig",
+                             "frames",
+                             "KRT",
+                             "history.csv",
+                             "project.ini",
+                             "summary.json"}) {
+      MoveIntoPlace(path, output_path, name);
+    }
+  } catch (const fs::filesystem_error& error) {
+    throw OutputError("--output_path " + output_path + ": " + error.what() +
+                      ".");
+  }
+  return remarks;
+}
+
+}  // namespace mfir

@@ -1,0 +1,49 @@
+// What the refiner writes (README.md, "Output").
+
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "colmap_ext/frames.h"
+#include "colmap_ext/option_parser.h"
+#include "src/evaluation.h"
+#include "src/refinement.h"
+#include "src/scene.h"
+#include "src/stage.h"
+
+namespace mfir {
+
+// Everything a run has found out.
+struct RefinerResult {
+  const Capture* capture = nullptr;
+  const Scene* scene = nullptr;
+  std::vector<std::vector<double>> initial_params;  // by camera
+  std::vector<double> rms_px_before;                // see ReprojectionRms
+  std::vector<double> rms_px_after;
+  RefinementResult refinement;
+  std::string status;  // "converged" or "not_converged"
+  std::vector<Stage> stages;
+  std::vector<std::pair<std::string, double>> timings_s;
+  nlohmann::ordered_json inputs;
+  nlohmann::ordered_json evaluation;  // null without a ground truth
+};
+
+// Creates the output folder and makes sure it can be written to, before any
+// time is spent. Throws OutputError.
+void PrepareOutputFolder(const std::string& output_path);
+
+nlohmann::ordered_json MakeSummary(const OptionParser& options,
+                                   const RefinerResult& result);
+
+// Writes all files to a temporary folder inside `output_path` and moves them to
+// their places when all are complete: an interrupted run leaves an earlier
+// result as it was. Returns remarks for the log (what KRT cannot express).
+// Throws OutputError.
+std::vector<std::string> WriteResult(const std::string& output_path,
+                                     const OptionParser& options,
+                                     const RefinerResult& result);
+
+}  // namespace mfir

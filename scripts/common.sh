@@ -1,0 +1,251 @@
+# shellcheck shell=bash
+# What quickstart.sh and run_tests.sh share: packages, COLMAP's source, build.
+# Sourced, not run. Every step is skipped when its result is already there, and
+# every result gets its final name only when it is complete.
+
+MFIR_ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
+BUILD_PATH=$MFIR_ROOT/build
+COLMAP_SOURCE=
+MIN_FREE_MB=1000
+
+# Everything that is used by name; all else comes as a dependency.
+PACKAGES=(
+  ccache cmake g++ ninja-build patch
+  libboost-filesystem-dev libboost-graph-dev libboost-program-options-dev
+  libboost-system-dev libboost-test-dev libceres-dev libeigen3-dev libflann-dev
+  libfreeimage-dev libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
+  liblz4-dev libmetis-dev libopencv-core-dev libsqlite3-dev nlohmann-json3-dev
+)
+
+die() {
+  printf '\nerror: %s\n' "$*" >&2
+  exit 1
+}
+
+common_options() {
+  cat <<OPTIONS
+  --colmap_source DIR  own COLMAP source tree (it is copied, never written to;
+                       default: that of the last run, else the distribution's
+                       source package is downloaded)
+  --build_path DIR     where to build (default: build in the project's folder)
+  -h, --help           show this text
+OPTIONS
+}
+
+# Each script defines usage(). The exit code is that of the programs.
+usage_error() {
+  printf 'error: %s\n\n' "$1" >&2
+  usage >&2
+  exit 1
+}
+
+# parse_common_option OPTION [VALUE]: handles one of common_options.
+parse_common_option() {
+  case $1 in
+    -h | --help) usage && exit 0 ;;
+    --colmap_source | --build_path)
+      [[ -n ${2-} ]] || usage_error "$1 needs a folder"
+      ;;
+    *) usage_error "unknown option: $1" ;;
+  esac
+  if [[ $1 == --colmap_source ]]; then
+    [[ -f $2/src/exe/colmap.cc ]] || die "--colmap_source: '$2' is not a COLMAP" \
+      "source tree (there is no src/exe/colmap.cc in it)"
+    COLMAP_SOURCE=$(realpath "$2")
+  else
+    BUILD_PATH=$(realpath -m "$2")
+  fi
+}
+
+# run_step TEXT LOG_NAME COMMAND...: one line of progress, output to a log that
+# is shown when the command fails.
+run_step() {
+  local text=$1 log=$BUILD_PATH/logs/$2.log start=$SECONDS
+  shift 2
+  printf '%s ...\n' "$text"
+  if ! "$@" >"$log" 2>&1; then
+    tail -n 30 "$log" >&2
+    die "${text,} failed; the whole log: $log"
+  fi
+  printf '  done in %d s\n' $((SECONDS - start))
+}
+
+# make_folder PATH OPTION
+make_folder() {
+  if ! mkdir -p "$1" 2>/dev/null || [[ ! -w $1 ]]; then
+    die "'$1' cannot be written by $(id -un); run as the user who made it," \
+      "or give another folder with $2"
+  fi
+}
+
+prepare_build_path() {
+  make_folder "$BUILD_PATH" --build_path
+  make_folder "$BUILD_PATH/logs" --build_path
+  # Two runs in one build folder would disturb each other.
+  exec 9>"$BUILD_PATH/.lock"
+  flock -n 9 || { printf 'Waiting for another run in %s\n' "$BUILD_PATH" && flock 9; }
+  [[ -x $BUILD_PATH/bin/colmap ]] && return
+  local free_mb
+  free_mb=$(df -Pm "$BUILD_PATH" | awk 'NR == 2 { print $4 }')
+  ((free_mb >= MIN_FREE_MB)) || die "the disk of '$BUILD_PATH' has $free_mb MB free," \
+    "the build needs $MIN_FREE_MB MB; free some or give another folder with --build_path"
+}
+
+missing_packages() {
+  comm -23 <(printf '%s\n' "${PACKAGES[@]}" | sort) \
+    <(dpkg-query -W -f '${db:Status-Status} ${Package}\n' "${PACKAGES[@]}" 2>/dev/null |
+      sed -n 's/^installed //p' | sort -u)
+}
+
+# The package lists are only refreshed when the install fails without it.
+apt_install() {
+  local install=("${AS_ROOT[@]}" env DEBIAN_FRONTEND=noninteractive apt-get
+    -o DPkg::Lock::Timeout=300 install -y --no-install-recommends "$@")
+  "${install[@]}" && return
+  "${AS_ROOT[@]}" apt-get -o DPkg::Lock::Timeout=300 update
+  local package
+  for package in "$@"; do
+    if ! apt-cache show "$package" >/dev/null 2>&1; then
+      echo "The package $package is not found in the apt sources of this machine" \
+        "(made for Debian 12, component main), or they could not be reached."
+      return 1
+    fi
+  done
+  "${install[@]}"
+}
+
+install_packages() {
+  if ! command -v apt-get >/dev/null; then
+    local tool
+    for tool in cmake ninja g++ patch; do
+      command -v "$tool" >/dev/null || die "'$tool' is missing, and there is no apt-get to" \
+        "install it with. Install what these Debian packages contain: ${PACKAGES[*]}"
+    done
+    return
+  fi
+  local missing
+  mapfile -t missing < <(missing_packages)
+  ((${#missing[@]})) || return 0
+  AS_ROOT=()
+  if ((EUID != 0)); then
+    command -v sudo >/dev/null || die "packages are missing, and neither is this root nor" \
+      "is there sudo. Run as root: apt-get install ${missing[*]}"
+    AS_ROOT=(sudo)
+  fi
+  run_step "Installing ${#missing[@]} packages: ${missing[*]}" apt_install apt_install "${missing[@]}"
+}
+
+# The machine's own apt sources as sources of source packages, in folder $1.
+# Nothing outside of the build folder is written, so this needs no root.
+write_source_lists() {
+  local list parts file
+  eval "$(apt-config shell list Dir::Etc::sourcelist/f parts Dir::Etc::sourceparts/d)"
+  for file in "$list" "$parts"/*.list; do
+    [[ -r $file ]] || continue
+    sed -nE '/cdrom:/d; s/^[[:space:]]*deb[[:space:]]/deb-src /p' "$file" >"$1/${file##*/}"
+  done
+  for file in "$parts"/*.sources; do
+    [[ -r $file ]] || continue
+    sed -E 's/^Types:.*/Types: deb-src/I' "$file" >"$1/${file##*/}"
+  done
+}
+
+# Prints the newest offered version that patches/ has a patch for.
+pick_colmap_version() {
+  local version upstream
+  while read -r version; do
+    upstream=${version#*:}
+    upstream=${upstream%-*}
+    if [[ -f $MFIR_ROOT/patches/colmap-${upstream%%[+~]*}.patch ]]; then
+      echo "$version"
+      return
+    fi
+  done < <(sort -Vr)
+  return 1
+}
+
+# Downloads and unpacks COLMAP's source package into the new folder $1/colmap.
+# apt verifies signatures and checksums.
+download_colmap() {
+  local offered version apt=(
+    -o Dir::Etc::SourceList=/dev/null -o Dir::Etc::SourceParts="$1/sources"
+    -o Dir::State::Lists="$1/lists" -o Dir::Cache="$1/cache"
+    -o APT::Sandbox::User=root)
+  rm -rf "$1"
+  mkdir -p "$1"/{sources,lists/partial,cache/archives/partial,colmap}
+  write_source_lists "$1/sources"
+  # One unreachable source among several does not matter.
+  apt-get "${apt[@]}" update || true
+  offered=$(apt-cache "${apt[@]}" showsrc --only-source colmap | sed -n 's/^Version: //p' | sort -u)
+  if ! version=$(pick_colmap_version <<<"$offered"); then
+    printf '%s\n' "" \
+      "The apt sources of this machine offer no source package of a COLMAP version that" \
+      "patches/ has a patch for (offered: ${offered:-none; is the network up?}). Get a source" \
+      "tree of a supported version by other means and give it with --colmap_source DIR."
+    return 1
+  fi
+  (cd "$1" && apt-get "${apt[@]}" source --download-only "colmap=$version") || return 1
+  tar -xf "$1"/colmap_*.orig.tar.* -C "$1/colmap" --strip-components=1
+}
+
+# Sets COLMAP_SOURCE, unless given: the tree of the last run, else a download.
+find_colmap_source() {
+  [[ -z $COLMAP_SOURCE ]] || return 0
+  local cache=$BUILD_PATH/CMakeCache.txt download=$BUILD_PATH/colmap_download
+  if [[ -f $cache ]]; then
+    COLMAP_SOURCE=$(sed -n 's/^MFIR_COLMAP_SOURCE:[A-Z]*=//p' "$cache")
+    [[ ! -f $COLMAP_SOURCE/src/exe/colmap.cc ]] || return 0
+  fi
+  COLMAP_SOURCE=$download/colmap
+  [[ ! -d $COLMAP_SOURCE ]] || return 0
+  command -v apt-get >/dev/null ||
+    die "there is no apt-get to get COLMAP's source with; give a tree with --colmap_source DIR"
+  run_step "Getting COLMAP's source package" colmap_download download_colmap "$download.partial"
+  rm -rf "$download"
+  mv "$download.partial" "$download"
+}
+
+configure() {
+  # Lets a clone in another folder hit the compiler cache.
+  export CCACHE_BASEDIR=$MFIR_ROOT CCACHE_NOHASHDIR=1
+  run_step "Configuring with COLMAP in $COLMAP_SOURCE" configure \
+    cmake -S "$MFIR_ROOT" -B "$BUILD_PATH" -G Ninja -DMFIR_COLMAP_SOURCE="$COLMAP_SOURCE"
+}
+
+# Passes ninja's output on to a log, and a line per tenth of the work to stdout.
+show_progress() {
+  local log=$1 start=$SECONDS tenth=0 line
+  while IFS= read -r line; do
+    printf '%s\n' "$line"
+    if [[ $line =~ ^\[([0-9]+)/([0-9]+)\] ]] &&
+      ((BASH_REMATCH[1] * 10 / BASH_REMATCH[2] > tenth)); then
+      tenth=$((BASH_REMATCH[1] * 10 / BASH_REMATCH[2]))
+      printf '  %3d %% (%s of %s steps, %d s)\n' $((tenth * 10)) \
+        "${BASH_REMATCH[1]}" "${BASH_REMATCH[2]}" $((SECONDS - start)) >&3
+    fi
+  done 3>&1 >"$log"
+}
+
+# build TARGET...
+build() {
+  local log=$BUILD_PATH/logs/build.log jobs memory_jobs
+  # The largest files need 1.5 GB of memory to compile.
+  memory_jobs=$(awk '/^MemAvailable:/ { print int($2 / 1.5e6) }' /proc/meminfo)
+  jobs=$(nproc)
+  ((memory_jobs >= jobs)) || jobs=$((memory_jobs > 1 ? memory_jobs : 1))
+  printf 'Building %s with %d jobs (the first time takes minutes) ...\n' "$*" "$jobs"
+  if ! ninja -C "$BUILD_PATH" -j "$jobs" "$@" 2>&1 | show_progress "$log"; then
+    # The first failure tells the cause; what follows belongs to other jobs.
+    { grep -A 40 -m 1 '^FAILED: ' "$log" || tail -n 30 "$log"; } >&2
+    die "the build failed; the whole log: $log"
+  fi
+}
+
+# set_up TARGET...: from a fresh machine to the built targets.
+set_up() {
+  prepare_build_path
+  install_packages
+  find_colmap_source
+  configure
+  build "$@"
+}

@@ -1,0 +1,85 @@
+#!/bin/bash
+# Sets up this machine as far as needed, builds the colmap program, and runs the
+# main job on a simulated capture whose true intrinsics are known exactly.
+set -euo pipefail
+# shellcheck source=scripts/common.sh
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
+
+usage() {
+  cat <<USAGE
+Usage: scripts/quickstart.sh [OPTIONS]
+
+Installs missing packages, builds the colmap program, simulates a capture of a
+camera array, refines its intrinsics, and compares them with the true ones
+before and after.
+
+Options:
+  --output_path DIR    where to write (default: quickstart in the build folder)
+$(common_options)
+USAGE
+}
+
+output_path=
+while (($#)); do
+  if [[ $1 == --output_path ]]; then
+    [[ -n ${2-} ]] || usage_error "$1 needs a folder"
+    output_path=$(realpath -m "$2")
+  else
+    parse_common_option "$@"
+  fi
+  shift 2
+done
+
+# json_mean FILE KEY: the mean of the first KEY of an evaluation.
+json_mean() {
+  tr -d ' \n' <"$1" | grep -o "\"$2\":{[^{}]*}" | sed -n '1s/.*"mean":\([^,}]*\).*/\1/p'
+}
+
+# print_row TEXT UNIT KEY
+print_row() {
+  printf '  %-28s %12.3f %12.3f   %s\n' "$1" "$(json_mean "$before" "$3")" \
+    "$(json_mean "$after" "$3")" "$2"
+}
+
+set_up colmap_exe
+
+colmap=$BUILD_PATH/bin/colmap
+output_path=${output_path:-$BUILD_PATH/quickstart}
+capture=$output_path/capture
+refined=$output_path/refined
+before=$output_path/evaluation_before.json
+after=$output_path/evaluation_after.json
+make_folder "$output_path" --output_path
+
+# A capture made by this very program would come out the same again.
+if [[ ! $capture -nt $colmap ]]; then
+  run_step "Simulating a capture" simulator \
+    "$colmap" multi_frame_simulator --output_path "$capture"
+fi
+run_step "Refining the intrinsics" refiner \
+  "$colmap" multi_frame_intrinsics_refiner \
+  --input_path "$capture/frames" --extrinsics_path "$capture/rig" \
+  --image_path "$capture/images" --ground_truth_path "$capture/ground_truth" \
+  --output_path "$refined"
+run_step "Evaluating the start" evaluator_before \
+  "$colmap" multi_frame_evaluator --input_path "$capture/frames" \
+  --ground_truth_path "$capture/ground_truth" --output_path "$before"
+run_step "Evaluating the result" evaluator_after \
+  "$colmap" multi_frame_evaluator --input_path "$refined" \
+  --ground_truth_path "$capture/ground_truth" --output_path "$after"
+
+printf '\n  %-28s %12s %12s\n' 'Mean error of the cameras' before after
+print_row 'focal length' px focal_abs
+print_row 'focal length, relative' permille focal_rel
+print_row 'principal point' px pp_abs
+print_row 'principal point, relative' permille pp_rel
+cat <<WRITTEN
+
+Written:
+  $capture   the simulated capture
+    frames/  images/  rig/  ground_truth/
+  $refined   the result
+    rig/  frames/  KRT  summary.json  history.csv  project.ini
+  $before
+  $after
+WRITTEN

@@ -1,0 +1,80 @@
+// Bundle adjustment of shared intrinsics and points with all extrinsics fixed:
+// the last solve of every run.
+
+#pragma once
+
+#include <ceres/loss_function.h>
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "scene.h"
+
+namespace mfir {
+
+struct FixedExtrinsicsOptions {
+  bool refine_focal_length = true;
+  bool refine_principal_point = true;
+  bool refine_extra_params = true;
+
+  // Robust loss of |r|, r in pixels. Must outlive the solve.
+  const ceres::LossFunction* loss = nullptr;
+
+  // Weight of each frame's observations; empty: 1.
+  std::vector<double> frame_weights;
+
+  int max_num_iterations = 100;
+
+  // Converged when an undamped step changes no focal length by more than this
+  // (relative), no principal point by more than this times the focal length,
+  // and no distortion by more than that at the image corner.
+  double parameter_tolerance = 1e-10;
+
+  // Whether to compute the covariance at the solution.
+  bool compute_covariance = false;
+
+  int num_threads = 1;
+};
+
+struct FixedExtrinsicsSummary {
+  double initial_cost = 0.0;
+  double final_cost = 0.0;
+  int num_iterations = 0;
+  bool converged = false;
+  // Largest change of a focal length in the last step, relative.
+  double last_focal_change = 0.0;
+  // Covariance of the refined parameters, stacked by camera; held parameters
+  // have zero rows, undetermined ones NaN. It is the sandwich H^-1 G H^-1 with
+  // H the reduced Hessian and G the sum over tracks of the outer products of
+  // their gradients: honest whatever the noise is, as long as tracks are
+  // independent.
+  Eigen::MatrixXd covariance;
+};
+
+// Minimizes, over the intrinsics of scene->cameras and all points,
+//
+//   sum_frames weight_f sum_obs 1/2 rho(|Project(params_c, R_c X + t_c) -
+//   xy|^2)
+//
+// with R_c, t_c the known extrinsics (poses of the frames' images are not
+// used). Newton steps with the second derivative of the loss, points eliminated
+// one by one: time and memory grow linearly with the number of points, only the
+// reduced system of the intrinsics is dense. Observations behind their camera
+// at the start of the solve take no part in it. The result is the same for
+// every number of threads.
+FixedExtrinsicsSummary SolveFixedExtrinsics(
+    const FixedExtrinsicsOptions& options, Scene* scene);
+
+// Squared residual norm (px^2) of every observation under the known extrinsics
+// and the intrinsics of the rig, in order of frames and observations; infinite
+// for points behind the camera.
+std::vector<double> SquaredResiduals(const Scene& scene);
+
+// The same residuals, each divided by the share of its degrees of freedom that
+// the fit of its point leaves ((2 n - 3) / (2 n) for a track of n
+// observations): an estimate of the noise. Points behind a camera and tracks
+// shorter than three are left out.
+std::vector<double> NoiseSamples(const Scene& scene,
+                                 const std::vector<double>& squared_residuals);
+
+}  // namespace mfir

@@ -1,0 +1,108 @@
+#include "options.h"
+
+#include <algorithm>
+#include <cmath>
+#include <thread>
+#include <vector>
+
+#include "errors.h"
+
+namespace mfir {
+namespace {
+
+void CheckAtLeast(const char* name, double value, double minimum) {
+  if (!std::isfinite(value) || value < minimum) {
+    throw UsageError(
+        "--MultiFrame." + std::string(name) + " is " + std::to_string(value) +
+        ", but must be finite and >= " + std::to_string(minimum) + ".");
+  }
+}
+
+void CheckOneOf(const char* name,
+                const std::string& value,
+                const std::vector<std::string>& choices) {
+  if (std::find(choices.begin(), choices.end(), value) != choices.end()) {
+    return;
+  }
+  std::string list;
+  for (const std::string& choice : choices) {
+    if (!choice.empty()) list += (list.empty() ? "" : ", ") + choice;
+  }
+  throw UsageError("--MultiFrame." + std::string(name) + " is '" + value +
+                   "', but must be one of: " + list + ".");
+}
+
+}  // namespace
+
+void MultiFrameOptions::ApplyPreset(const std::string& name) {
+  CheckOneOf("preset", name, {"accurate", "paper"});
+  const MultiFrameOptions paper;
+  preset = name;
+  weight_growth = paper.weight_growth;
+  if (name == "paper") {
+    max_prior_weight = paper.max_prior_weight;
+    loss_scale = paper.loss_scale;
+  } else {
+    // The last solve converges from the alignment directly; the schedule
+    // changes nothing but the time.
+    max_prior_weight = 0.0;
+    loss_scale = 0.0;
+  }
+}
+
+void MultiFrameOptions::Check() const {
+  CheckOneOf("preset", preset, {"accurate", "paper"});
+  CheckAtLeast("reprojection_weight", reprojection_weight, 1e-12);
+  CheckAtLeast("rotation_prior_weight", rotation_prior_weight, 0.0);
+  CheckAtLeast("translation_prior_weight", translation_prior_weight, 0.0);
+  CheckAtLeast("featuremetric_weight", featuremetric_weight, 0.0);
+  CheckAtLeast("focal_variance_weight", focal_variance_weight, 0.0);
+  CheckAtLeast(
+      "principal_point_variance_weight", principal_point_variance_weight, 0.0);
+  CheckAtLeast(
+      "extra_params_variance_weight", extra_params_variance_weight, 0.0);
+  CheckAtLeast("weight_growth", weight_growth, 1.01);
+  CheckAtLeast("max_prior_weight", max_prior_weight, 0.0);
+  CheckAtLeast("loss_scale", loss_scale, 0.0);
+  CheckAtLeast("max_num_iterations", max_num_iterations, 1);
+  CheckOneOf("dense_features",
+             dense_features,
+             {"", "none", "sift", "onnx", "database"});
+  CheckAtLeast("use_gpu", use_gpu, -1);
+  CheckAtLeast("gpu_index", gpu_index, -1);
+  CheckAtLeast("num_threads", num_threads, -1);
+  if (use_gpu > 1) {
+    throw UsageError("--MultiFrame.use_gpu must be -1 (auto), 0 or 1.");
+  }
+  if (num_threads == 0) {
+    throw UsageError("--MultiFrame.num_threads must be -1 (all) or positive.");
+  }
+  if (!refine_focal_length && !refine_principal_point && !refine_extra_params) {
+    throw UsageError(
+        "Nothing to refine: --MultiFrame.refine_focal_length, "
+        "refine_principal_point and refine_extra_params are all 0.");
+  }
+}
+
+int MultiFrameOptions::NumScheduleSolves() const {
+  if (!progressive) {
+    return 1;
+  }
+  const double weight = rotation_prior_weight > 0.0 ? rotation_prior_weight
+                                                    : translation_prior_weight;
+  if (weight > max_prior_weight) {
+    return 0;
+  }
+  if (weight == 0.0) {
+    return max_prior_weight > 0.0 ? 1 : 0;  // Nothing to grow.
+  }
+  return 1 + static_cast<int>(std::floor(std::log(max_prior_weight / weight) /
+                                         std::log(weight_growth)));
+}
+
+int MultiFrameOptions::EffectiveNumThreads() const {
+  return num_threads > 0 ? num_threads
+                         : std::max(1u, std::thread::hardware_concurrency());
+}
+
+}  // namespace mfir

@@ -1,0 +1,100 @@
+// The paper's progressive schedule: one ceres::Problem, solved again and again
+// while the weights of the priors grow.
+
+#pragma once
+
+#include <set>
+#include <string>
+#include <vector>
+
+#include <ceres/loss_function.h>
+#include <ceres/problem.h>
+#include <ceres/solver.h>
+
+#include "options.h"
+#include "scene.h"
+#include "stage.h"
+
+namespace mfir {
+
+// Memory of the variables of one image inside the problem.
+struct ImageBlocks {
+  size_t camera_idx = 0;   // into Scene::cameras
+  double* qvec = nullptr;  // cam_from_world rotation (w, x, y, z)
+  double* tvec = nullptr;
+  double* params = nullptr;
+};
+
+// Objective (eq. 10, cost = 1/2 rho as in Ceres, rho = Cauchy(loss_scale)):
+//
+//     reprojection_weight / (N_F |obs_i|)   sum |Pi(r_ij, t_ij, K_ij, x) - p|
+//   + rotation_prior_weight / (N_F N_C,i)   sum |log(R_ij Rhat_j^T)|
+//   + translation_prior_weight / (N_F N_C,i) sum |t_ij - that_j|
+//   + *_variance_weight / (N_F N_C)         sum |K_ij - Kbar_j|
+//
+// Terms with weight zero are left out. Usage: for each frame, BeginFrame, add
+// the frame's reprojection blocks to the problem with the loss it returns,
+// EndFrame; then Run.
+class ProgressiveSchedule {
+ public:
+  // `cameras`: the rig in the coordinates of the problem, with the initial
+  // global intrinsics; updated by Run. `problem` and `cameras` must outlive
+  // this.
+  ProgressiveSchedule(const MultiFrameOptions& options,
+                      size_t num_frames,
+                      std::vector<RigCamera>* cameras,
+                      ceres::Problem* problem);
+
+  // Loss for the reprojection blocks of the next frame, owned by the problem.
+  ceres::LossFunction* BeginFrame(size_t num_observations);
+  // Registers the blocks added since BeginFrame and adds the frame's priors.
+  void EndFrame(const std::vector<ImageBlocks>& images,
+                const std::vector<double*>& points);
+
+  // All solves, each reported. Throws SolverError when one fails.
+  void Run(const StageCallback& callback);
+
+ private:
+  struct Loss {
+    ceres::LossFunctionWrapper* loss;  // owned by the problem
+    double divisor;                    // of the term's weight
+  };
+  // A weighted sum of residual blocks.
+  struct Term {
+    std::string name;  // as in summary.json
+    double weight;
+    bool grows;
+    std::vector<Loss> losses;
+    std::vector<ceres::ResidualBlockId> blocks;
+  };
+  enum TermIndex {
+    kReprojection,
+    kRotationPrior,
+    kTranslationPrior,
+    kFocalVariance,
+    kPrincipalPointVariance,
+    kExtraParamsVariance
+  };
+
+  ceres::LossFunction* AddLoss(TermIndex index, double divisor);
+  void AddBlock(TermIndex index,
+                ceres::CostFunction* cost_function,
+                ceres::LossFunction* loss,
+                const std::vector<double*>& parameter_blocks);
+  void AddVariance(const ImageBlocks& image);
+  void HoldUnrefinedGlobals();
+  void SetWeights();
+  double Cost(const Term& term, bool apply_loss_function) const;
+  ceres::Solver::Options SolverOptions() const;
+
+  const MultiFrameOptions options_;
+  const double num_frames_;
+  std::vector<RigCamera>* cameras_;
+  ceres::Problem* problem_;
+  std::vector<Term> terms_;
+  std::vector<double*> points_;
+  std::vector<double*> images_;
+  std::set<size_t> global_camera_idxs_;
+};
+
+}  // namespace mfir

@@ -1,0 +1,59 @@
+// The solves with fixed extrinsics: from a first guess of intrinsics and points
+// to the final result.
+
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "options.h"
+#include "scene.h"
+#include "stage.h"
+
+namespace mfir {
+
+// Sets the intrinsics of the rig's cameras to the median of their frames, and
+// parameters that are not refined to the same value in all frames.
+void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene);
+
+struct RefinementResult {
+  bool converged = false;
+  // Largest relative change of a focal length in the last step.
+  double last_focal_change = 0.0;
+  // See FixedExtrinsicsSummary. In single-frame mode: of the median over
+  // frames.
+  Eigen::MatrixXd covariance;
+  // Noise of the keypoints (px per axis) and share of outliers as estimated
+  // from the residuals.
+  double noise_std_px = 0.0;
+  double outlier_share = 0.0;
+};
+
+// Minimizes the reprojection error over points and intrinsics with the
+// extrinsics pinned to the known ones: one set of intrinsics per camera, or, in
+// single-frame mode, one per camera and frame (then the rig's cameras get the
+// median).
+//
+// With options.loss_scale > 0 the loss is Cauchy's and each frame has the
+// weight 1 / number of its observations (eq. 2). With 0 the loss is a
+// ScaleMixtureLoss, refitted to the residuals until its scale stays, and every
+// observation has the same weight. `from_frames`: the points come straight from
+// the frames' reconstructions, not from a schedule: approach in solves with a
+// shrinking Cauchy scale first.
+RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
+                                       bool from_frames,
+                                       const StageCallback& callback,
+                                       Scene* scene);
+
+// Cauchy scale (px) that suits the noise of the frames' observations under
+// their own poses and intrinsics.
+double EstimateCauchyScale(const Scene& scene);
+
+// Root mean square of the residual norms (px) over all observations with points
+// in front of their camera, under known extrinsics and intrinsics of the rig,
+// or of the frames in single-frame mode. One value per rig camera, then the one
+// over all; NaN without observations.
+std::vector<double> ReprojectionRms(const Scene& scene, bool single_frame_mode);
+
+}  // namespace mfir

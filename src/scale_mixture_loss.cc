@@ -1,0 +1,131 @@
+#include "scale_mixture_loss.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace mfir {
+namespace {
+
+constexpr int kBinsPerOctave = 8;   // histogram of log2(s)
+constexpr int kMinLog2Ratio = -20;  // bins relative to the median of s
+constexpr int kMaxLog2Ratio = 30;
+constexpr int kNumIterations = 500;
+constexpr double kTolerance = 1e-7;  // change of a mixture weight
+constexpr double kMinShare = 1e-6;
+constexpr double kStepInSigma = 1.4142135623730951;
+constexpr double kMinSigmaRatio = 0.25;  // relative to the median-based sigma
+constexpr double kMaxSigmaRatio = 400.0;
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<double>& squared_norms) {
+  // The likelihood needs s only through a fine histogram of its logarithm.
+  const double median = std::max(Median(squared_norms), 1e-12);
+  const int num_bins = (kMaxLog2Ratio - kMinLog2Ratio) * kBinsPerOctave;
+  std::vector<double> counts(num_bins, 0.0);
+  for (const double s : squared_norms) {
+    const double bin =
+        (std::log2(std::max(s, 1e-300) / median) - kMinLog2Ratio) *
+        kBinsPerOctave;
+    counts[static_cast<size_t>(std::clamp(bin, 0.0, num_bins - 1.0))] +=
+        1.0 / squared_norms.size();
+  }
+
+  // |r|^2 of a 2D Gaussian has the median 2 ln(2) sigma^2.
+  const double sigma_of_median = std::sqrt(median / (2.0 * std::log(2.0)));
+  std::vector<double> variances;
+  for (double ratio = kMinSigmaRatio; ratio < kMaxSigmaRatio;
+       ratio *= kStepInSigma) {
+    variances.push_back(std::pow(ratio * sigma_of_median, 2));
+  }
+  std::vector<double> shares(variances.size(), 1.0 / variances.size());
+
+  std::vector<double> posterior(variances.size());
+  for (int iteration = 0; iteration < kNumIterations; ++iteration) {
+    std::vector<double> new_shares(variances.size(), 0.0);
+    for (int bin = 0; bin < num_bins; ++bin) {
+      if (counts[bin] == 0.0) continue;
+      const double s =
+          median * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
+      double sum = 0.0;
+      for (size_t k = 0; k < variances.size(); ++k) {
+        posterior[k] =
+            shares[k] / variances[k] * std::exp(-0.5 * s / variances[k]);
+        sum += posterior[k];
+      }
+      // Beyond all components: the widest one takes it.
+      if (sum < 1e-300) {
+        new_shares.back() += counts[bin];
+        continue;
+      }
+      for (size_t k = 0; k < variances.size(); ++k) {
+        new_shares[k] += counts[bin] * posterior[k] / sum;
+      }
+    }
+    double change = 0.0;
+    for (size_t k = 0; k < shares.size(); ++k) {
+      change = std::max(change, std::abs(new_shares[k] - shares[k]));
+    }
+    shares = new_shares;
+    if (change < kTolerance) break;
+  }
+
+  for (size_t k = 0; k < variances.size(); ++k) {
+    if (shares[k] > kMinShare) {
+      components_.push_back(
+          {1.0 / variances[k], std::log(shares[k] / variances[k]), shares[k]});
+    }
+  }
+  double rho[3];
+  Evaluate(0.0, rho);
+  log_density_at_zero_ = -0.5 * rho[0];
+}
+
+void ScaleMixtureLoss::Evaluate(double s, double rho[3]) const {
+  double max_exponent = -std::numeric_limits<double>::max();
+  for (const Component& component : components_) {
+    max_exponent = std::max(
+        max_exponent, component.log_density - 0.5 * s * component.information);
+  }
+  double sum = 0.0;
+  double mean = 0.0;
+  double square = 0.0;
+  for (const Component& component : components_) {
+    const double weight = std::exp(
+        component.log_density - 0.5 * s * component.information - max_exponent);
+    sum += weight;
+    mean += weight * component.information;
+    square += weight * component.information * component.information;
+  }
+  mean /= sum;
+  square /= sum;
+  rho[0] = 2.0 * (log_density_at_zero_ - max_exponent - std::log(sum));
+  rho[1] = mean;
+  rho[2] = -0.5 * std::max(0.0, square - mean * mean);
+}
+
+double ScaleMixtureLoss::CoreStd() const {
+  double rho[3];
+  Evaluate(0.0, rho);
+  return 1.0 / std::sqrt(rho[1]);
+}
+
+double ScaleMixtureLoss::OutlierShare() const {
+  const double max_std = 4.0 * CoreStd();
+  double share = 0.0;
+  for (const Component& component : components_) {
+    if (component.information < 1.0 / (max_std * max_std)) {
+      share += component.share;
+    }
+  }
+  return share;
+}
+
+}  // namespace mfir

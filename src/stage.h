@@ -1,0 +1,30 @@
+// Record of one solve: what the log, summary.json and history.csv show.
+
+#pragma once
+
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace mfir {
+
+struct Stage {
+  int index = 0;
+  // "schedule", "start", "noise" or "final", see README.
+  std::string name;
+  // Weight and cost of each term that takes part, by the names of the options
+  // and of summary.json.
+  std::vector<std::pair<std::string, double>> weights;
+  std::vector<std::pair<std::string, double>> costs;
+  int num_iterations = 0;
+  double time_s = 0.0;
+  // "converged", "max_num_iterations" or "failed".
+  std::string termination;
+  // Over all observations, with the known extrinsics where they are fixed.
+  double rms_px = 0.0;
+};
+
+using StageCallback = std::function<void(const Stage&)>;
+
+}  // namespace mfir

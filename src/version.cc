@@ -1,1 +1,0 @@
-namespace mfir { const char* Version() { return "0.1.0"; } }
