@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <unordered_set>
-#include <utility>
 #include <vector>
 
 #include "colmap_ext/compat.h"
@@ -52,9 +52,7 @@ void CheckCamera(const std::string& path, const colmap::Camera& camera) {
   }
 }
 
-void CheckImage(const std::string& path,
-                const colmap::Image& image,
-                const colmap::Reconstruction& reconstruction) {
+void CheckImage(const std::string& path, const colmap::Image& image) {
   const Rigid3 cam_from_world = CamFromWorld(image);
   if (!cam_from_world.translation.allFinite() ||
       !(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
@@ -72,14 +70,6 @@ void CheckImage(const std::string& path,
            ImageEntry(image),
            "observation " + std::to_string(point2D_idx) + " is not finite");
     }
-    if (point2D.HasPoint3D() &&
-        !reconstruction.ExistsPoint3D(point2D.Point3DId())) {
-      Fail(path,
-           ImageEntry(image),
-           "observation " + std::to_string(point2D_idx) +
-               " is of the unknown point " +
-               std::to_string(point2D.Point3DId()));
-    }
     ++point2D_idx;
   }
 }
@@ -88,70 +78,94 @@ void CheckImages(const std::string& path,
                  const colmap::Reconstruction& reconstruction) {
   std::unordered_set<std::string> names;
   for (const auto& [image_id, image] : reconstruction.Images()) {
-    CheckImage(path, image, reconstruction);
+    CheckImage(path, image);
     if (!names.insert(image.Name()).second) {
       Fail(path, ImageEntry(image), "another image has the same name");
     }
   }
 }
 
+// `elements` is scratch memory.
 void CheckTrack(const std::string& path,
                 colmap::point3D_t point3D_id,
                 const colmap::Track& track,
-                const colmap::Reconstruction& reconstruction) {
+                const colmap::Reconstruction& reconstruction,
+                std::vector<uint64_t>* elements) {
   const auto fail = [&](const std::string& what) {
     Fail(path, "point " + std::to_string(point3D_id), what);
   };
-  std::vector<std::pair<colmap::image_t, colmap::point2D_t>> elements;
-  elements.reserve(track.Length());
+  const auto observation = [](const colmap::TrackElement& element,
+                              const colmap::Image& image) {
+    return "observation " + std::to_string(element.point2D_idx) + " of " +
+           ImageEntry(image);
+  };
+  elements->clear();
   for (const colmap::TrackElement& element : track.Elements()) {
-    const auto image = reconstruction.Images().find(element.image_id);
-    if (image == reconstruction.Images().end()) {
+    const auto it = reconstruction.Images().find(element.image_id);
+    if (it == reconstruction.Images().end()) {
       fail("its track names the unknown image " +
            std::to_string(element.image_id));
     }
-    const std::string observation = "observation " +
-                                    std::to_string(element.point2D_idx) +
-                                    " of " + ImageEntry(image->second);
-    if (element.point2D_idx >= image->second.NumPoints2D()) {
-      fail("its track names " + observation + ", which has only " +
-           std::to_string(image->second.NumPoints2D()));
+    const colmap::Image& image = it->second;
+    if (element.point2D_idx >= image.NumPoints2D()) {
+      fail("its track names " + observation(element, image) +
+           ", which has only " + std::to_string(image.NumPoints2D()));
     }
-    if (image->second.Point2D(element.point2D_idx).Point3DId() != point3D_id) {
-      fail("its track names " + observation + ", which is of another point");
+    if (image.Point2D(element.point2D_idx).Point3DId() != point3D_id) {
+      fail("its track names " + observation(element, image) +
+           ", which is of another point");
     }
-    elements.emplace_back(element.image_id, element.point2D_idx);
+    elements->push_back(uint64_t(element.image_id) << 32 | element.point2D_idx);
   }
-  std::sort(elements.begin(), elements.end());
-  if (std::adjacent_find(elements.begin(), elements.end()) != elements.end()) {
+  std::sort(elements->begin(), elements->end());
+  if (std::adjacent_find(elements->begin(), elements->end()) !=
+      elements->end()) {
     fail("its track names an observation twice");
   }
+}
+
+[[noreturn]] void FailForObservationsWithoutTrack(
+    const ModelFiles& files, const colmap::Reconstruction& reconstruction) {
+  for (const auto& [image_id, image] : reconstruction.Images()) {
+    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+      const colmap::Point2D& point2D = image.Point2D(i);
+      if (point2D.HasPoint3D() &&
+          !reconstruction.ExistsPoint3D(point2D.Point3DId())) {
+        Fail(files.images,
+             ImageEntry(image),
+             "observation " + std::to_string(i) + " is of the unknown point " +
+                 std::to_string(point2D.Point3DId()));
+      }
+    }
+  }
+  Fail(files.images,
+       "observations",
+       "some are of points in " + files.points3D +
+           " whose tracks do not name them: the files are not of one model");
 }
 
 void CheckPoints3D(const ModelFiles& files,
                    const colmap::Reconstruction& reconstruction) {
   size_t num_track_elements = 0;
+  std::vector<uint64_t> elements;
   for (const auto& [point3D_id, point3D] : reconstruction.Points3D()) {
     if (!point3D.XYZ().allFinite()) {
       Fail(files.points3D,
            "point " + std::to_string(point3D_id),
            "the position is not finite");
     }
-    CheckTrack(files.points3D, point3D_id, point3D.Track(), reconstruction);
+    CheckTrack(
+        files.points3D, point3D_id, point3D.Track(), reconstruction, &elements);
     num_track_elements += point3D.Track().Length();
   }
-  // Every element has an observation of its own, so the rest is in no track.
+  // Every track element has an observation of its own, so the counts differ
+  // only if an observation is in no track.
   size_t num_observations = 0;
   for (const auto& [image_id, image] : reconstruction.Images()) {
     num_observations += image.NumPoints3D();
   }
   if (num_observations != num_track_elements) {
-    Fail(files.images,
-         "observations",
-         std::to_string(num_observations) +
-             " refer to points, but the tracks in " + files.points3D +
-             " have only " + std::to_string(num_track_elements) +
-             ": the files are not of one model");
+    FailForObservationsWithoutTrack(files, reconstruction);
   }
 }
 

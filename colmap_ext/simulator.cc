@@ -38,9 +38,9 @@ bool IsInside(const RigCamera& camera,
          xy.y() >= border && xy.y() <= camera.height - border;
 }
 
-// Image point of `xyz`; false if it does not lie in the valid part of the lens
-// model, in the image and at most at `min_cos_angle` to the surface normal, or
-// if the surface hides it.
+// Whether `camera` sees the surface point `xyz`: in the image and the part of
+// the lens model that can be inverted, not too obliquely, and with nothing in
+// front of it.
 bool IsVisible(const SyntheticSurface& surface,
                const RigCamera& camera,
                const Eigen::Vector3d& xyz,

@@ -1,5 +1,6 @@
 #include "colmap_ext/simulator_options.h"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 

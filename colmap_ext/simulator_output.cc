@@ -1,5 +1,6 @@
 // Writing of simulated captures.
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <iostream>

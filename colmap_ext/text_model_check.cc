@@ -16,7 +16,7 @@ using Ids = std::unordered_set<uint64_t>;
 template <typename T>
 T ReadId(TextFile* file, const char* field) {
   const T id = file->Number<T>(field);
-  if (id == std::numeric_limits<T>::max()) {
+  if (id == std::numeric_limits<T>::max() || id < T(0)) {
     file->Fail(std::string(field) + " " + std::to_string(id) + " is invalid");
   }
   return id;

@@ -65,7 +65,7 @@ run_step() {
   printf '%s ...\n' "$text"
   if ! "$@" >"$log" 2>&1; then
     tail -n 30 "$log" >&2
-    die "${text,} failed; the whole log: $log"
+    die "failed: ${text,}; the whole log: $log"
   fi
   printf '  done in %d s\n' $((SECONDS - start))
 }
@@ -111,7 +111,9 @@ apt_install() {
       return 1
     fi
   done
-  "${install[@]}"
+  "${install[@]}" && return
+  echo "apt-get cannot install the packages named above: is the network up?"
+  return 1
 }
 
 install_packages() {
@@ -132,7 +134,8 @@ install_packages() {
       "is there sudo. Run as root: apt-get install ${missing[*]}"
     AS_ROOT=(sudo)
   fi
-  run_step "Installing ${#missing[@]} packages: ${missing[*]}" apt_install apt_install "${missing[@]}"
+  printf 'Missing packages: %s\n' "${missing[*]}"
+  run_step "Installing ${#missing[@]} packages" apt_install apt_install "${missing[@]}"
 }
 
 # The machine's own apt sources as sources of source packages, in folder $1.
@@ -206,8 +209,8 @@ find_colmap_source() {
 }
 
 configure() {
-  # Lets a clone in another folder hit the compiler cache.
-  export CCACHE_BASEDIR=$MFIR_ROOT CCACHE_NOHASHDIR=1
+  # Lets a clone in another folder, or of another user, hit the compiler cache.
+  export CCACHE_BASEDIR=$MFIR_ROOT CCACHE_NOHASHDIR=1 CCACHE_SLOPPINESS=locale
   run_step "Configuring with COLMAP in $COLMAP_SOURCE" configure \
     cmake -S "$MFIR_ROOT" -B "$BUILD_PATH" -G Ninja -DMFIR_COLMAP_SOURCE="$COLMAP_SOURCE"
 }

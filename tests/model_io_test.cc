@@ -163,6 +163,10 @@ struct BadText {
   std::vector<std::string> message;
 };
 
+std::ostream& operator<<(std::ostream& stream, const BadText& bad) {
+  return stream << bad.file << ": '" << bad.from << "' -> '" << bad.to << "'";
+}
+
 class BadTextTest : public testing::TestWithParam<BadText> {};
 
 TEST_P(BadTextTest, IsAnInputError) {
@@ -218,16 +222,13 @@ INSTANTIATE_TEST_SUITE_P(
         {"images.txt", "60 4", "60 4 5", {"images.txt:3:", "Y of"}},
         {"images.txt", "60 4", "60 -2", {"images.txt:3:", "-2"}},
         {"images.txt", "60 4", "60 4.5", {"images.txt:3:", "4.5"}},
-        {"images.txt", "60 4", "60 5", {"image 1", "unknown point 5"}},
+        {"images.txt", "60 4", "60 5", {"point 4", "another point"}},
         {"images.txt", "60 4", "60 3", {"point 4", "another point"}},
         {"images.txt", "40 -1", "40 3", {"images.txt", "not of one model"}},
+        {"images.txt", "40 -1", "40 5", {"image 1", "unknown point 5"}},
         {"images.txt", "40 -1", "nan -1", {"images.txt:3:", "not finite"}},
         // A pose without its line of observations.
-        {"images.txt",
-         "10 20 3 30 40 -1 50 60 4\n",
-         "",
-         {"images.txt:4:", "QW"}},
-        {"images.txt", "\n\n2 0.5", "\n2 0.5", {"images.txt:4:"}}}));
+        {"images.txt", "\n\n9 0", "\n9 0", {"images.txt:6:", "second line"}}}));
 
 INSTANTIATE_TEST_SUITE_P(
     Points3D,
@@ -244,7 +245,7 @@ INSTANTIATE_TEST_SUITE_P(
         {"points3D.txt", "1 0 9 0", "1 0 9 1", {"point 3", "another point"}},
         {"points3D.txt", "1 0 9 0", "1 0", {"not of one model"}},
         {"points3D.txt", "4 1 2 6", "3 1 2 6", {"points3D.txt:2:", "second"}},
-        {"points3D.txt", "4 1 2 6", "-4 1 2 6", {"unknown point 4"}}}));
+        {"points3D.txt", "4 1 2 6", "-4 1 2 6", {"points3D.txt:2:", "-4"}}}));
 
 class BinaryModelTest : public testing::Test {
  protected:
@@ -307,7 +308,7 @@ TEST_F(BinaryModelTest, TrailingBytes) {
 TEST_F(BinaryModelTest, RandomBytesNeverCrash) {
   std::mt19937 random(1);
   size_t num_errors = 0;
-  const size_t kNumTrials = 6000;
+  const size_t kNumTrials = 3000;
   for (size_t trial = 0; trial < kNumTrials; ++trial) {
     const auto& [name, content] = contents_[random() % contents_.size()];
     std::string changed = content;
@@ -367,8 +368,7 @@ TEST_F(BinaryModelTest, DuplicateIds) {
 
 TEST(ReadModel, TruncatedTextNeverCrashes) {
   const TemporaryFolder folder;
-  for (const std::string name :
-       {"cameras.txt", "images.txt", "points3D.txt"}) {
+  for (const std::string name : {"cameras.txt", "images.txt", "points3D.txt"}) {
     WriteTextModel(folder.Path());
     const std::string content = ReadFile(folder / name);
     for (size_t size = 0; size < content.size(); ++size) {
@@ -385,7 +385,7 @@ TEST(ReadModel, RandomTextNeverCrashes) {
   const TemporaryFolder folder;
   const std::string characters = "0123456789 \n-+.e#x\t\r\x80";
   std::mt19937 random(2);
-  for (size_t trial = 0; trial < 4000; ++trial) {
+  for (size_t trial = 0; trial < 2000; ++trial) {
     std::vector<std::string> contents = {kCameras, kImages, kPoints3D};
     std::string& changed = contents[random() % 3];
     for (size_t i = 0; i <= random() % 3; ++i) {

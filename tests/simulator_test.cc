@@ -1,6 +1,7 @@
 #include "colmap_ext/simulator.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <filesystem>
@@ -9,6 +10,7 @@
 #include <map>
 
 #include "colmap_ext/camera_models.h"
+#include "colmap_ext/command.h"
 #include "src/errors.h"
 
 namespace mfir {
@@ -361,6 +363,41 @@ TEST_F(SimulatorTest, ForeignFoldersAreNotOverwritten) {
   EXPECT_FALSE(fs::exists(path / "images"));
   capture.options.overwrite = false;
   EXPECT_THROW(WriteSimulatedCapture(capture, path.string()), OutputError);
+}
+
+TEST_F(SimulatorTest, CommandWritesItsOptionsAndReturnsExitCodes) {
+  const auto run = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), "multi_frame_simulator");
+    std::vector<char*> argv;
+    for (std::string& argument : arguments) {
+      argv.push_back(&argument[0]);
+    }
+    return RunMultiFrameSimulator(static_cast<int>(argv.size()), argv.data());
+  };
+  const std::string first = (folder_ / "first").string();
+  const std::string second = (folder_ / "second").string();
+  const std::string ini = first + "/project.ini";
+  EXPECT_EQ(run({"--output_path",
+                 first,
+                 "--Simulator.quiet",
+                 "1",
+                 "--Simulator.render_images",
+                 "0",
+                 "--Simulator.num_points",
+                 "150",
+                 "--Simulator.unit",
+                 "mm"}),
+            kExitSuccess);
+  // The written options make the same capture again.
+  EXPECT_EQ(run({"--project_path", ini, "--output_path", second}),
+            kExitSuccess);
+  std::ifstream a(first + "/simulation.json"), b(second + "/simulation.json");
+  const std::string summary(std::istreambuf_iterator<char>(a), {});
+  EXPECT_EQ(summary, std::string(std::istreambuf_iterator<char>(b), {}));
+  EXPECT_NE(summary.find("\"unit\": \"mm\""), std::string::npos);
+  EXPECT_EQ(run({"--project_path", ini}), kExitOutput);
+  EXPECT_EQ(run({"--output_path", second, "--Simulator.noise", "-1"}),
+            kExitUsage);
 }
 
 }  // namespace
