@@ -20,17 +20,21 @@ bool IsModelFolder(const std::string& path);
 // tie). "" when there is none. Throws InputError for an unreadable candidate.
 std::string FindSparseModel(const std::string& frame_path);
 
-// Reads the model in folder `path` (binary before text, as COLMAP does).
-// `require_points`: points3D must exist too; otherwise it may be missing.
+// Reads the model in folder `path` (binary before text, as COLMAP does) into
+// `reconstruction`, which is replaced, and unchanged if this throws.
+// `require_points`: points3D must exist too. Otherwise it may be missing or
+// empty; observations are then of no point.
 //
-// Throws InputError, naming the file, what is wrong where and what to do, for
-// everything that COLMAP's reader would crash, hang or stay silent on:
-// missing or truncated files, counts beyond the file size, trailing bytes,
-// unknown camera models, wrong number of parameters, malformed numbers (line),
-// non-finite values, zero quaternion, focal length <= 0, image size 0,
-// duplicate ids or image names, images of an unknown camera, observations of
-// unknown points, tracks that name unknown images, keypoints out of range, or
-// keypoints that do not point back to the track's point.
+// Throws OutputError if points3D is missing and no temporary folder (TMPDIR)
+// can be made for COLMAP's reader, which cannot do without. Throws InputError,
+// naming the file, what is wrong where and what to do, for everything that
+// COLMAP's reader would crash, hang or stay silent on: missing or truncated
+// files, counts beyond the file size, trailing bytes, unknown camera models,
+// wrong number of parameters, malformed numbers (line), non-finite values, zero
+// quaternion, focal length <= 0, image size 0, duplicate ids or image names,
+// images of an unknown camera, observations of unknown points, tracks that name
+// unknown images, keypoints out of range, or keypoints that do not point back
+// to the track's point.
 void ReadModel(const std::string& path,
                bool require_points,
                colmap::Reconstruction* reconstruction);

@@ -390,13 +390,23 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
     result.initial_params.push_back(camera.params);
   }
   const bool single_frame_mode = multi_frame.SingleFrameMode();
-  result.rms_px_before = ReprojectionRms(scene, single_frame_mode);
+  const std::vector<double> residuals_before =
+      SquaredResiduals(scene, single_frame_mode);
   result.refinement = RefineScene(multi_frame,
                                   normalized_from_rig,
                                   progress.RecordStages(&result.stages),
                                   &capture,
                                   &scene);
-  result.rms_px_after = ReprojectionRms(scene, single_frame_mode);
+  const std::vector<double> residuals_after =
+      SquaredResiduals(scene, single_frame_mode);
+  // The same observations before and after.
+  const double max_squared = MaxInlierSquaredResidual(residuals_after);
+  std::vector<bool> inliers;
+  for (const double squared : residuals_after) {
+    inliers.push_back(squared <= max_squared);
+  }
+  result.rms_px_before = RmsByCamera(scene, residuals_before, inliers);
+  result.rms_px_after = RmsByCamera(scene, residuals_after, inliers);
   result.status = result.refinement.converged ? "converged" : "not_converged";
   progress.Log(colmap::StringPrintf(
       "%s: rms %.3f px before, %.3f px after; noise %.3f px, outliers %.1f %%",

@@ -178,7 +178,10 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
     option.add(&manager);
   }
   std::vector<std::string> filtered = {"colmap"};
+  bool log_level_set = false;
   for (size_t i = 0; i < arguments.size(); ++i) {
+    CheckName(arguments[i]);
+    log_level_set = log_level_set || arguments[i].rfind("--log_level", 0) == 0;
     // OptionManager would read the file itself and drop the command line.
     if (arguments[i] == "--project_path") {
       ++i;
@@ -191,6 +194,35 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
     argv.push_back(&argument[0]);
   }
   manager.Parse(static_cast<int>(argv.size()), argv.data());
+  // OptionManager makes glog verbose, and with it Ceres.
+  if (!log_level_set) FLAGS_v = 0;
+}
+
+// OptionManager accepts any unambiguous beginning of a name; a typo must not
+// set another option.
+void OptionParser::CheckName(const std::string& argument) const {
+  if (argument.rfind("--", 0) != 0) return;
+  const std::string name = argument.substr(2, argument.find('=') - 2);
+  for (const char* known :
+       {"help", "project_path", "random_seed", "log_to_stderr", "log_level"}) {
+    if (name == known) return;
+  }
+  if (Find(name) == nullptr) {
+    throw UsageError("There is no option --" + name + "." +
+                     DidYouMean(name) + " See --help.");
+  }
+}
+
+std::string OptionParser::DidYouMean(const std::string& name) const {
+  const Option* nearest = nullptr;
+  for (const Option& option : options_) {
+    if (Section(option.name) == Section(name) &&
+        (nearest == nullptr || EditDistance(option.name, name) <
+                                   EditDistance(nearest->name, name))) {
+      nearest = &option;
+    }
+  }
+  return nearest == nullptr ? "" : " Did you mean '" + nearest->name + "'?";
 }
 
 std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
@@ -213,20 +245,12 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
     const std::string where =
         path + ":" + std::to_string(FindIniLine(path, key)) + ": ";
     if (Find(key) == nullptr) {
-      const std::string section = Section(key);
-      const Option* nearest = nullptr;
-      for (const Option& option : options_) {
-        if (!section.empty() && Section(option.name) == section &&
-            (nearest == nullptr || EditDistance(option.name, key) <
-                                       EditDistance(nearest->name, key))) {
-          nearest = &option;
-        }
-      }
-      if (nearest == nullptr) {
+      const std::string suggestion = DidYouMean(key);
+      if (Section(key).empty() || suggestion.empty()) {
         continue;  // An option of another command.
       }
-      throw UsageError(where + "there is no option '" + key +
-                       "'. Did you mean '" + nearest->name + "'?");
+      throw UsageError(where + "there is no option '" + key + "'." +
+                       suggestion);
     }
     if (std::find(seen.begin(), seen.end(), key) != seen.end()) {
       throw UsageError(where + "'" + key + "' is set twice.");

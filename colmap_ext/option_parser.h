@@ -59,6 +59,8 @@ class OptionParser {
 
   void ParsePass(const std::vector<std::string>& arguments) const;
   std::vector<std::string> ReadIni(const std::string& path) const;
+  void CheckName(const std::string& argument) const;
+  std::string DidYouMean(const std::string& name) const;
   const Option* Find(const std::string& name) const;
 
   std::vector<Option> options_;

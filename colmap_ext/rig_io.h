@@ -46,10 +46,14 @@ struct Rig {
 // Distortion: KRT's five coefficients (k1 k2 p1 p2 k3) and OpenCV's dist become
 // PINHOLE when all zero, OPENCV when k3 = 0, FULL_OPENCV otherwise.
 //
-// Throws InputError (names file and line or field) for: missing path,
-// unreadable or malformed file, non-finite values, rotation that is not one
-// (RtR differs from the identity by more than 1e-3 or det < 0), focal length <=
-// 0, the same camera twice, no camera at all.
+// Cameras are in the order of their names (CameraNameLess). An image that the
+// regex of `naming` does not match goes by its own name. intri.yml may be
+// missing: the cameras then have no intrinsics.
+//
+// Throws UsageError for an unknown format, and InputError (names file and line
+// or field) for: missing path, unreadable or malformed file, non-finite values,
+// rotation that is not one (RtR differs from the identity by more than 1e-3 or
+// det < 0), focal length <= 0, skew, the same camera twice, no camera at all.
 Rig ReadRig(const std::string& path,
             const std::string& format,
             const CameraNaming& naming,

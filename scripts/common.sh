@@ -188,6 +188,7 @@ download_colmap() {
     return 1
   fi
   (cd "$1" && apt-get "${apt[@]}" source --download-only "colmap=$version") || return 1
+  rm -rf "$1"/{sources,lists,cache}
   tar -xf "$1"/colmap_*.orig.tar.* -C "$1/colmap" --strip-components=1
 }
 

@@ -30,9 +30,10 @@ while (($#)); do
   shift 2
 done
 
-# json_mean FILE KEY: the mean of the first KEY of an evaluation.
+# json_mean FILE KEY: the mean of the first KEY of an evaluation; null is nan.
 json_mean() {
-  tr -d ' \n' <"$1" | grep -o "\"$2\":{[^{}]*}" | sed -n '1s/.*"mean":\([^,}]*\).*/\1/p'
+  tr -d ' \n' <"$1" | grep -o "\"$2\":{[^{}]*}" |
+    sed -n '1s/.*"mean":\([^,}]*\).*/\1/p' | sed 's/null/nan/'
 }
 
 # print_row TEXT UNIT KEY
@@ -53,14 +54,14 @@ make_folder "$output_path" --output_path
 
 # A capture made by this very program would come out the same again.
 if [[ ! $capture -nt $colmap ]]; then
-  run_step "Simulating a capture" simulator \
-    "$colmap" multi_frame_simulator --output_path "$capture"
+  "$colmap" multi_frame_simulator --output_path "$capture" --Simulator.overwrite 1 ||
+    die "the simulation failed with exit code $?, see above"
 fi
-run_step "Refining the intrinsics" refiner \
-  "$colmap" multi_frame_intrinsics_refiner \
+"$colmap" multi_frame_intrinsics_refiner \
   --input_path "$capture/frames" --extrinsics_path "$capture/rig" \
   --image_path "$capture/images" --ground_truth_path "$capture/ground_truth" \
-  --output_path "$refined"
+  --output_path "$refined" ||
+  die "the refinement failed with exit code $?, see above"
 run_step "Evaluating the start" evaluator_before \
   "$colmap" multi_frame_evaluator --input_path "$capture/frames" \
   --ground_truth_path "$capture/ground_truth" --output_path "$before"
@@ -76,10 +77,12 @@ print_row 'principal point, relative' permille pp_rel
 cat <<WRITTEN
 
 Written:
-  $capture   the simulated capture
-    frames/  images/  rig/  ground_truth/
-  $refined   the result
-    rig/  frames/  KRT  summary.json  history.csv  project.ini
+  $capture
+    the simulated capture: frames, images, rig, ground_truth
+  $refined
+    the result: rig, frames, KRT, summary.json, history.csv, project.ini
   $before
   $after
+    the evaluations
+Program: $colmap
 WRITTEN

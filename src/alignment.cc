@@ -10,9 +10,11 @@ namespace {
 
 // A pose agrees with the alignment when the angle between the rotations (rad)
 // and the distance of the centres (relative to the spread of the target) both
-// stay below this. Wrong intrinsics move poses of a reconstruction by a few
-// percent; a wrong pose is off by much more.
-constexpr double kMaxInlierError = 0.15;
+// stay below the first of these. Wrong intrinsics move poses of a
+// reconstruction by a few percent; a wrong pose is off by much more. Where too
+// few poses agree, the reconstruction as a whole may be bent (long lenses):
+// then the second limit applies.
+constexpr double kMaxInlierErrors[] = {0.15, 0.5};
 constexpr double kMinInlierRatio = 0.5;
 constexpr size_t kMinNumPoses = 3;
 constexpr size_t kMaxNumHypotheses = 20000;
@@ -88,6 +90,7 @@ bool FitSimilarity(const std::vector<const PosePair*>& pairs,
 // one.
 bool FindBestHypothesis(const std::vector<PosePair>& pairs,
                         double spread,
+                        double max_error,
                         Similarity3* best) {
   const size_t num_pairs = pairs.size() * (pairs.size() - 1) / 2;
   const size_t stride = 1 + num_pairs / kMaxNumHypotheses;
@@ -98,14 +101,14 @@ bool FindBestHypothesis(const std::vector<PosePair>& pairs,
       Similarity3 hypothesis;
       if (index % stride != 0 ||
           pairs[i].target_from_source.angularDistance(
-              pairs[j].target_from_source) > 2.0 * kMaxInlierError ||
+              pairs[j].target_from_source) > 2.0 * max_error ||
           !FitSimilarity({&pairs[i], &pairs[j]}, &hypothesis)) {
         continue;
       }
       double cost = 0.0;
       for (const PosePair& pair : pairs) {
         const double error =
-            std::min(kMaxInlierError, PoseError(hypothesis, spread, pair));
+            std::min(max_error, PoseError(hypothesis, spread, pair));
         cost += error * error;
       }
       if (cost < best_cost) {
@@ -119,15 +122,33 @@ bool FindBestHypothesis(const std::vector<PosePair>& pairs,
 
 std::vector<const PosePair*> SelectInliers(const Similarity3& alignment,
                                            double spread,
+                                           double max_error,
                                            const std::vector<PosePair>& pairs,
                                            std::vector<bool>* inliers) {
   std::vector<const PosePair*> selected;
   inliers->assign(pairs.size(), false);
   for (size_t i = 0; i < pairs.size(); ++i) {
-    if (PoseError(alignment, spread, pairs[i]) < kMaxInlierError) {
+    if (PoseError(alignment, spread, pairs[i]) < max_error) {
       selected.push_back(&pairs[i]);
       (*inliers)[i] = true;
     }
+  }
+  return selected;
+}
+
+// Fits to the inliers until they stay the same; returns them.
+std::vector<const PosePair*> RefineAlignment(const std::vector<PosePair>& pairs,
+                                             double spread,
+                                             double max_error,
+                                             Similarity3* alignment,
+                                             std::vector<bool>* inliers) {
+  std::vector<const PosePair*> selected =
+      SelectInliers(*alignment, spread, max_error, pairs, inliers);
+  for (int i = 0; i < kNumRefinements && selected.size() >= 2; ++i) {
+    const std::vector<bool> previous = *inliers;
+    if (!FitSimilarity(selected, alignment)) break;
+    selected = SelectInliers(*alignment, spread, max_error, pairs, inliers);
+    if (*inliers == previous) break;
   }
   return selected;
 }
@@ -154,34 +175,31 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
   }
 
   const double spread = Spread(pairs);
-  Similarity3& alignment = result.target_from_source;
-  if (!(spread > 0.0) || !FindBestHypothesis(pairs, spread, &alignment)) {
-    result.failure = "its camera poses do not fit the known extrinsics";
+  for (const double max_error : kMaxInlierErrors) {
+    Similarity3& alignment = result.target_from_source;
+    if (!(spread > 0.0) ||
+        !FindBestHypothesis(pairs, spread, max_error, &alignment)) {
+      continue;
+    }
+    const std::vector<const PosePair*> inliers =
+        RefineAlignment(pairs, spread, max_error, &alignment, &result.inliers);
+    result.num_inliers = inliers.size();
+    if (inliers.size() < kMinNumPoses ||
+        inliers.size() < kMinInlierRatio * static_cast<double>(pairs.size())) {
+      continue;
+    }
+    double sum = 0.0;
+    for (const PosePair* pair : inliers) {
+      sum +=
+          (alignment * pair->source_center - pair->target_center).squaredNorm();
+    }
+    result.rms_center_error =
+        std::sqrt(sum / static_cast<double>(inliers.size()));
     return result;
   }
-  std::vector<const PosePair*> inliers =
-      SelectInliers(alignment, spread, pairs, &result.inliers);
-  for (int i = 0; i < kNumRefinements && inliers.size() >= 2; ++i) {
-    const std::vector<bool> previous = result.inliers;
-    FitSimilarity(inliers, &alignment);
-    inliers = SelectInliers(alignment, spread, pairs, &result.inliers);
-    if (result.inliers == previous) break;
-  }
-
-  result.num_inliers = inliers.size();
-  if (inliers.size() < 2 ||
-      inliers.size() < kMinInlierRatio * static_cast<double>(pairs.size())) {
-    result.failure = "only " + std::to_string(inliers.size()) + " of " +
-                     std::to_string(pairs.size()) +
-                     " camera poses fit the known extrinsics";
-    return result;
-  }
-  for (const PosePair* pair : inliers) {
-    result.rms_center_error +=
-        (alignment * pair->source_center - pair->target_center).squaredNorm();
-  }
-  result.rms_center_error =
-      std::sqrt(result.rms_center_error / static_cast<double>(inliers.size()));
+  result.failure = "only " + std::to_string(result.num_inliers) + " of " +
+                   std::to_string(pairs.size()) +
+                   " camera poses fit the known extrinsics";
   return result;
 }
 

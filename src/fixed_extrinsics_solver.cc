@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -18,6 +19,8 @@ constexpr size_t kMaxChunkBytes = size_t{512} << 20;
 constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDamping = 1e-9;
 constexpr double kMaxDamping = 1e12;
+// Of a standard normal variable.
+constexpr double kMedianOfSquare = 0.45493642311957283;
 
 using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
 using Jacobian =
@@ -43,6 +46,15 @@ struct Linearization {
   Eigen::Vector2d residual;
   Matrix2x3 jacobian_point;
   Jacobian jacobian_params;  // free parameters only
+};
+
+// A point's own normal equations.
+struct PointSystem {
+  Eigen::Vector3d gradient;
+  Eigen::LLT<Eigen::Matrix3d> factorization;  // of the Hessian
+  // By observation: Hessian and gradient with respect to the residual.
+  std::vector<Eigen::Matrix2d> weights;
+  std::vector<Eigen::Vector2d> weighted_residuals;
 };
 
 // Sums of one chunk of points: the reduced normal equations
@@ -74,6 +86,75 @@ bool ProjectPoint(const RigCamera& camera,
   return xy->allFinite();
 }
 
+// How much of the second derivative of the loss is used. From one to the next,
+// steps become shorter and the equations more often positive definite.
+enum class Curvature { kNewton, kClamped, kReweighted };
+
+// Hessian of 1/2 rho(|r|^2) with respect to r: rho' I + 2 rho'' r r^T. Along r
+// it is rho' + 2 rho'' s, negative for outliers. kClamped: not below a share of
+// rho'. kReweighted: rho' I (iterative reweighting, which never overshoots).
+Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
+                              const double rho[3],
+                              Curvature curvature) {
+  constexpr double kMinShare = 0.05;
+  Eigen::Matrix2d hessian = rho[1] * Eigen::Matrix2d::Identity();
+  const double squared_norm = residual.squaredNorm();
+  if (curvature == Curvature::kReweighted || !(squared_norm > 0.0)) {
+    return hessian;
+  }
+  double second = 2.0 * rho[2];
+  if (curvature == Curvature::kClamped) {
+    second = std::max(second, (kMinShare - 1.0) * rho[1] / squared_norm);
+  }
+  return hessian + second * residual * residual.transpose();
+}
+
+// False for a point behind the camera.
+bool LinearizeObservation(const RigCamera& camera,
+                          const Eigen::Matrix3d& rotation,
+                          const std::vector<double>& params,
+                          const Eigen::Vector2d& observed_xy,
+                          const std::vector<size_t>& free_idxs,
+                          const Eigen::Vector3d& xyz,
+                          Linearization* linearization) {
+  const Eigen::Vector3d p = rotation * xyz + camera.cam_from_world.translation;
+  if (!(p.z() > std::numeric_limits<double>::epsilon())) {
+    return false;
+  }
+  const double inverse_depth = 1.0 / p.z();
+  const double u = p.x() * inverse_depth;
+  const double v = p.y() * inverse_depth;
+
+  Eigen::Vector2d xy;
+  Eigen::Matrix<double, 2, 2, Eigen::RowMajor> jacobian_uv;
+  double jacobian_params[2 * kMaxNumParams];
+  camera.model->ProjectWithJacobian(
+      params.data(), u, v, xy.data(), jacobian_uv.data(), jacobian_params);
+  linearization->residual = xy - observed_xy;
+  // d(u, v) / d(p) = [1 0 -u; 0 1 -v] / z.
+  Matrix2x3 jacobian_cam;
+  jacobian_cam << jacobian_uv * inverse_depth,
+      -jacobian_uv * Eigen::Vector2d(u, v) * inverse_depth;
+  linearization->jacobian_point = jacobian_cam * rotation;
+
+  const size_t num_params = camera.model->NumParams();
+  linearization->jacobian_params.resize(2, free_idxs.size());
+  for (size_t i = 0; i < free_idxs.size(); ++i) {
+    linearization->jacobian_params(0, i) = jacobian_params[free_idxs[i]];
+    linearization->jacobian_params(1, i) =
+        jacobian_params[num_params + free_idxs[i]];
+  }
+  return linearization->residual.allFinite();
+}
+
+std::vector<Eigen::Matrix3d> Rotations(const Scene& scene) {
+  std::vector<Eigen::Matrix3d> rotations;
+  for (const RigCamera& camera : scene.cameras) {
+    rotations.push_back(camera.cam_from_world.rotation.toRotationMatrix());
+  }
+  return rotations;
+}
+
 class Solver {
  public:
   Solver(const FixedExtrinsicsOptions& options, Scene* scene);
@@ -85,25 +166,39 @@ class Solver {
 
   void CollectFreeParams();
   void CollectPoints();
+  void SetPoints(const std::vector<Eigen::Vector3d>& new_xyz);
   void ComputePixelScales();
 
   // Cost of one point at `xyz`; infinite behind a camera.
   double PointCost(const FlatPoint& point,
                    const Params& params,
                    const Eigen::Vector3d& xyz) const;
-  double Cost() const;
 
-  void Linearize(const FlatObservation& observation,
-                 const Eigen::Vector3d& xyz,
-                 Linearization* linearization) const;
+  // False for a point behind a camera.
+  bool LinearizePoint(const FlatPoint& point,
+                      const Params& params,
+                      const Eigen::Vector3d& xyz,
+                      std::vector<Linearization>* linearizations) const;
+
+  // Uses less curvature than asked for where the system is not positive
+  // definite.
+  void BuildPointSystem(const FlatPoint& point,
+                        const std::vector<Linearization>& linearizations,
+                        Curvature curvature,
+                        double damping,
+                        PointSystem* system) const;
+
+  // Moves the point to the minimum of its cost; returns that.
+  double RefinePoint(const FlatPoint& point,
+                     const Params& params,
+                     Eigen::Vector3d* xyz) const;
 
   // Adds one point, eliminated, to the reduced system; stores what
-  // back-substitution needs. With `full_newton` the second derivative of the
-  // loss is used as far as the point's own block stays positive definite.
+  // back-substitution needs.
   void EliminatePoint(size_t point_idx,
-                      bool full_newton,
+                      Curvature curvature,
                       NormalEquations* equations);
-  NormalEquations BuildNormalEquations(bool full_newton, bool with_outer);
+  NormalEquations BuildNormalEquations(Curvature curvature, bool with_outer);
 
   // Solves for the step of the intrinsics; false if the (damped) system is not
   // positive definite.
@@ -112,11 +207,11 @@ class Solver {
                    Eigen::VectorXd* step) const;
 
   // Cost after the step. Each point takes its own step or stays, whichever is
-  // better; xyz get the result.
+  // better, and moves on to its minimum: what is left to minimize is a function
+  // of the intrinsics alone.
   double TryStep(const Eigen::VectorXd& step,
                  const Params& new_params,
-                 std::vector<Eigen::Vector3d>* new_xyz,
-                 std::vector<bool>* point_moved) const;
+                 std::vector<Eigen::Vector3d>* new_xyz) const;
   Params AddStep(const Eigen::VectorXd& step) const;
   bool IsSmall(const Eigen::VectorXd& step, double* focal_change) const;
   void ComputeCovariance(FixedExtrinsicsSummary* summary);
@@ -126,7 +221,7 @@ class Solver {
 
   const FixedExtrinsicsOptions options_;
   Scene* scene_;
-  std::vector<Eigen::Matrix3d> rotations_;
+  const std::vector<Eigen::Matrix3d> rotations_;
   std::vector<FlatObservation> observations_;
   std::vector<FlatPoint> points_;
   size_t chunk_size_ = 0;
@@ -142,16 +237,18 @@ class Solver {
   std::vector<double> pixel_scales_;
   std::vector<double> focal_lengths_;
 
+  // Of the cameras, at the current iterate.
+  Params current_params_;
+
   // Back-substitution: step_xyz = -(point_steps + sum_obs back_blocks^T step).
   std::vector<Eigen::Vector3d> point_steps_;
   std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>> back_blocks_;
-  std::vector<double> point_damping_;
 };
 
 Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
-    : options_(options), scene_(scene) {
+    : options_(options), scene_(scene), rotations_(Rotations(*scene)) {
   for (const RigCamera& camera : scene_->cameras) {
-    rotations_.push_back(camera.cam_from_world.rotation.toRotationMatrix());
+    current_params_.push_back(camera.params);
   }
   CollectPoints();
   CollectFreeParams();
@@ -166,6 +263,11 @@ Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
   chunk_size_ = std::max(
       kPointsPerChunk, (points_.size() + max_num_chunks - 1) / max_num_chunks);
   num_chunks_ = (points_.size() + chunk_size_ - 1) / chunk_size_;
+
+  back_blocks_.resize(observations_.size());
+  for (size_t i = 0; i < observations_.size(); ++i) {
+    back_blocks_[i].setZero(free_idxs_[observations_[i].camera_idx].size(), 3);
+  }
 }
 
 void Solver::CollectPoints() {
@@ -193,9 +295,13 @@ void Solver::CollectPoints() {
       }
     }
   }
-  point_steps_.resize(points_.size());
-  point_damping_.assign(points_.size(), kInitialDamping);
-  back_blocks_.resize(observations_.size());
+  point_steps_.assign(points_.size(), Eigen::Vector3d::Zero());
+}
+
+void Solver::SetPoints(const std::vector<Eigen::Vector3d>& new_xyz) {
+  for (size_t i = 0; i < points_.size(); ++i) {
+    *points_[i].xyz = new_xyz[i];
+  }
 }
 
 void Solver::CollectFreeParams() {
@@ -281,120 +387,112 @@ double Solver::PointCost(const FlatPoint& point,
   return point.weight * cost;
 }
 
-double Solver::Cost() const {
-  Params params;
-  for (const RigCamera& camera : scene_->cameras) {
-    params.push_back(camera.params);
-  }
-  std::vector<double> costs(num_chunks_, 0.0);
-  ParallelForChunks([&](size_t chunk, size_t begin, size_t end) {
-    for (size_t i = begin; i < end; ++i) {
-      costs[chunk] += PointCost(points_[i], params, *points_[i].xyz);
+bool Solver::LinearizePoint(const FlatPoint& point,
+                            const Params& params,
+                            const Eigen::Vector3d& xyz,
+                            std::vector<Linearization>* linearizations) const {
+  linearizations->resize(point.end - point.begin);
+  for (size_t i = point.begin; i < point.end; ++i) {
+    const FlatObservation& observation = observations_[i];
+    if (!LinearizeObservation(scene_->cameras[observation.camera_idx],
+                              rotations_[observation.camera_idx],
+                              params[observation.camera_idx],
+                              observation.xy,
+                              free_idxs_[observation.camera_idx],
+                              xyz,
+                              &(*linearizations)[i - point.begin])) {
+      return false;
     }
-  });
-  double cost = 0.0;
-  for (const double chunk_cost : costs) cost += chunk_cost;
+  }
+  return true;
+}
+
+void Solver::BuildPointSystem(const FlatPoint& point,
+                              const std::vector<Linearization>& linearizations,
+                              Curvature curvature,
+                              double damping,
+                              PointSystem* system) const {
+  system->weights.resize(linearizations.size());
+  system->weighted_residuals.resize(linearizations.size());
+  Eigen::Matrix3d hessian;
+  for (const Curvature tried_curvature :
+       {Curvature::kNewton, Curvature::kClamped, Curvature::kReweighted}) {
+    if (tried_curvature < curvature) continue;
+    hessian.setZero();
+    system->gradient.setZero();
+    for (size_t i = 0; i < linearizations.size(); ++i) {
+      const Eigen::Vector2d& residual = linearizations[i].residual;
+      double rho[3];
+      options_.loss->Evaluate(residual.squaredNorm(), rho);
+      system->weights[i] =
+          point.weight * RobustHessian(residual, rho, tried_curvature);
+      system->weighted_residuals[i] = point.weight * rho[1] * residual;
+      const Matrix2x3& jacobian = linearizations[i].jacobian_point;
+      hessian += jacobian.transpose() * system->weights[i] * jacobian;
+      system->gradient += jacobian.transpose() * system->weighted_residuals[i];
+    }
+    hessian.diagonal() *= 1.0 + damping;
+    system->factorization.compute(hessian);
+    if (system->factorization.info() == Eigen::Success) return;
+  }
+  // No information along some direction even with positive weights.
+  hessian.diagonal().array() += std::max(1e-12 * hessian.trace(), 1e-300);
+  system->factorization.compute(hessian);
+}
+
+double Solver::RefinePoint(const FlatPoint& point,
+                           const Params& params,
+                           Eigen::Vector3d* xyz) const {
+  constexpr int kMaxNumIterations = 20;
+  thread_local std::vector<Linearization> linearizations;
+  thread_local PointSystem system;
+  double cost = PointCost(point, params, *xyz);
+  double damping = 0.0;
+  bool moved = true;
+  for (int i = 0; i < kMaxNumIterations && std::isfinite(cost); ++i) {
+    if (moved) LinearizePoint(point, params, *xyz, &linearizations);
+    BuildPointSystem(
+        point, linearizations, Curvature::kNewton, damping, &system);
+    const Eigen::Vector3d step = system.factorization.solve(system.gradient);
+    const double expected_decrease = 0.5 * step.dot(system.gradient);
+    const Eigen::Vector3d new_xyz = *xyz - step;
+    const double new_cost = PointCost(point, params, new_xyz);
+    moved = new_cost < cost;
+    if (moved) {
+      *xyz = new_xyz;
+      cost = new_cost;
+      damping *= 0.1;
+    } else {
+      damping = std::max(10.0 * damping, 1e-3);
+    }
+    if (!(expected_decrease > 1e-12 * cost)) break;
+  }
   return cost;
 }
 
-void Solver::Linearize(const FlatObservation& observation,
-                       const Eigen::Vector3d& xyz,
-                       Linearization* linearization) const {
-  const RigCamera& camera = scene_->cameras[observation.camera_idx];
-  const Eigen::Matrix3d& rotation = rotations_[observation.camera_idx];
-  const Eigen::Vector3d p = rotation * xyz + camera.cam_from_world.translation;
-  const double inverse_depth = 1.0 / p.z();
-  const double u = p.x() * inverse_depth;
-  const double v = p.y() * inverse_depth;
-
-  Eigen::Vector2d xy;
-  Eigen::Matrix<double, 2, 2, Eigen::RowMajor> jacobian_uv;
-  double jacobian_params[2 * kMaxNumParams];
-  camera.model->ProjectWithJacobian(camera.params.data(),
-                                    u,
-                                    v,
-                                    xy.data(),
-                                    jacobian_uv.data(),
-                                    jacobian_params);
-  linearization->residual = xy - observation.xy;
-  // d(u, v) / d(p) = [1 0 -u; 0 1 -v] / z.
-  Matrix2x3 jacobian_cam;
-  jacobian_cam << jacobian_uv * inverse_depth,
-      -jacobian_uv * Eigen::Vector2d(u, v) * inverse_depth;
-  linearization->jacobian_point = jacobian_cam * rotation;
-
-  const std::vector<size_t>& free_idxs = free_idxs_[observation.camera_idx];
-  const size_t num_params = camera.model->NumParams();
-  linearization->jacobian_params.resize(2, free_idxs.size());
-  for (size_t i = 0; i < free_idxs.size(); ++i) {
-    linearization->jacobian_params(0, i) = jacobian_params[free_idxs[i]];
-    linearization->jacobian_params(1, i) =
-        jacobian_params[num_params + free_idxs[i]];
-  }
-}
-
 void Solver::EliminatePoint(size_t point_idx,
-                            bool full_newton,
+                            Curvature curvature,
                             NormalEquations* equations) {
   const FlatPoint& point = points_[point_idx];
   const size_t track_length = point.end - point.begin;
   thread_local std::vector<Linearization> linearizations;
-  thread_local std::vector<Eigen::Matrix2d> weights;
-  thread_local std::vector<Eigen::Vector2d> weighted_residuals;
   thread_local std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>
       blocks;
   linearizations.resize(track_length);
-  weights.resize(track_length);
-  weighted_residuals.resize(track_length);
   blocks.resize(track_length);
-  for (size_t i = 0; i < track_length; ++i) {
-    Linearize(observations_[point.begin + i], *point.xyz, &linearizations[i]);
-  }
+  LinearizePoint(point, current_params_, *point.xyz, &linearizations);
 
-  // Hessian of 1/2 rho(|r|^2) with respect to r: rho' I + 2 rho'' r r^T. The
-  // second part is negative for robust losses; without it (iterative
-  // reweighting) every block is positive semi-definite.
-  Eigen::Matrix3d hessian_point;
-  Eigen::Vector3d gradient_point;
-  Eigen::LLT<Eigen::Matrix3d> factorization;
-  for (const bool second_order : {true, false}) {
-    if (second_order && !full_newton) continue;
-    hessian_point.setZero();
-    gradient_point.setZero();
-    for (size_t i = 0; i < track_length; ++i) {
-      const Eigen::Vector2d& residual = linearizations[i].residual;
-      double rho[3];
-      options_.loss->Evaluate(residual.squaredNorm(), rho);
-      weights[i] = point.weight * rho[1] * Eigen::Matrix2d::Identity();
-      if (second_order) {
-        weights[i] +=
-            point.weight * 2.0 * rho[2] * residual * residual.transpose();
-      }
-      weighted_residuals[i] = point.weight * rho[1] * residual;
-      const Matrix2x3& jacobian = linearizations[i].jacobian_point;
-      hessian_point += jacobian.transpose() * weights[i] * jacobian;
-      gradient_point += jacobian.transpose() * weighted_residuals[i];
-    }
-    const double damping = point_damping_[point_idx];
-    if (damping >= kMinDamping) {
-      hessian_point.diagonal() *= 1.0 + damping;
-    }
-    factorization.compute(hessian_point);
-    if (factorization.info() == Eigen::Success) break;
-  }
-  if (factorization.info() != Eigen::Success) {
-    // No information along some direction even with positive weights.
-    hessian_point.diagonal().array() +=
-        std::max(1e-12 * hessian_point.trace(), 1e-300);
-    factorization.compute(hessian_point);
-  }
+  thread_local PointSystem system;
+  BuildPointSystem(point, linearizations, curvature, 0.0, &system);
+  const auto& weights = system.weights;
+  const auto& weighted_residuals = system.weighted_residuals;
 
-  point_steps_[point_idx] = factorization.solve(gradient_point);
+  point_steps_[point_idx] = system.factorization.solve(system.gradient);
   for (size_t i = 0; i < track_length; ++i) {
     blocks[i] = linearizations[i].jacobian_params.transpose() * weights[i] *
                 linearizations[i].jacobian_point;
     back_blocks_[point.begin + i] =
-        factorization.solve(blocks[i].transpose()).transpose();
+        system.factorization.solve(blocks[i].transpose()).transpose();
   }
   for (size_t i = 0; i < track_length; ++i) {
     const size_t camera_i = observations_[point.begin + i].camera_idx;
@@ -434,13 +532,13 @@ void Solver::EliminatePoint(size_t point_idx,
   }
 }
 
-NormalEquations Solver::BuildNormalEquations(bool full_newton,
+NormalEquations Solver::BuildNormalEquations(Curvature curvature,
                                              bool with_outer) {
   std::vector<NormalEquations> chunks(num_chunks_);
   ParallelForChunks([&](size_t chunk, size_t begin, size_t end) {
     chunks[chunk].SetZero(num_free_, with_outer);
     for (size_t i = begin; i < end; ++i) {
-      EliminatePoint(i, full_newton, &chunks[chunk]);
+      EliminatePoint(i, curvature, &chunks[chunk]);
     }
   });
   NormalEquations sum;
@@ -491,8 +589,7 @@ Solver::Params Solver::AddStep(const Eigen::VectorXd& step) const {
 
 double Solver::TryStep(const Eigen::VectorXd& step,
                        const Params& new_params,
-                       std::vector<Eigen::Vector3d>* new_xyz,
-                       std::vector<bool>* point_moved) const {
+                       std::vector<Eigen::Vector3d>* new_xyz) const {
   for (size_t i = 0; i < scene_->cameras.size(); ++i) {
     if (free_idxs_[i].empty()) continue;
     for (const size_t idx : scene_->cameras[i].model->FocalLengthIdxs()) {
@@ -502,30 +599,24 @@ double Solver::TryStep(const Eigen::VectorXd& step,
     }
   }
   std::vector<double> costs(num_chunks_, 0.0);
-  std::vector<char> moved(points_.size(), 1);
   ParallelForChunks([&](size_t chunk, size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
       const FlatPoint& point = points_[i];
-      Eigen::Vector3d xyz_step = -point_steps_[i];
+      Eigen::Vector3d& xyz = (*new_xyz)[i];
+      xyz = *point.xyz - point_steps_[i];
       for (size_t k = point.begin; k < point.end; ++k) {
         const size_t camera_idx = observations_[k].camera_idx;
-        xyz_step -=
+        xyz -=
             back_blocks_[k].transpose() *
             step.segment(offsets_[camera_idx], free_idxs_[camera_idx].size());
       }
-      (*new_xyz)[i] = *point.xyz + xyz_step;
-      double cost = PointCost(point, new_params, (*new_xyz)[i]);
-      const double cost_of_staying = PointCost(point, new_params, *point.xyz);
-      if (!(cost <= cost_of_staying)) {
-        // Staying is no answer where the step is just rounding noise.
-        moved[i] = cost <= cost_of_staying * (1.0 + 1e-12);
-        cost = cost_of_staying;
-        (*new_xyz)[i] = *point.xyz;
+      if (!(PointCost(point, new_params, xyz) <=
+            PointCost(point, new_params, *point.xyz))) {
+        xyz = *point.xyz;
       }
-      costs[chunk] += cost;
+      costs[chunk] += RefinePoint(point, new_params, &xyz);
     }
   });
-  point_moved->assign(moved.begin(), moved.end());
   double cost = 0.0;
   for (const double chunk_cost : costs) cost += chunk_cost;
   return std::isnan(cost) ? std::numeric_limits<double>::infinity() : cost;
@@ -556,8 +647,7 @@ bool Solver::IsSmall(const Eigen::VectorXd& step, double* focal_change) const {
 }
 
 void Solver::ComputeCovariance(FixedExtrinsicsSummary* summary) {
-  std::fill(point_damping_.begin(), point_damping_.end(), 0.0);
-  NormalEquations equations = BuildNormalEquations(true, true);
+  NormalEquations equations = BuildNormalEquations(Curvature::kNewton, true);
   const Eigen::VectorXd scale =
       equations.hessian.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const auto scaled_hessian = [&]() -> Eigen::MatrixXd {
@@ -567,7 +657,7 @@ void Solver::ComputeCovariance(FixedExtrinsicsSummary* summary) {
   };
   Eigen::LLT<Eigen::MatrixXd> factorization(scaled_hessian());
   if (factorization.info() != Eigen::Success) {
-    equations = BuildNormalEquations(false, true);
+    equations = BuildNormalEquations(Curvature::kReweighted, true);
     factorization.compute(scaled_hessian());
   }
   if (factorization.info() != Eigen::Success) {
@@ -601,56 +691,48 @@ void Solver::ComputeCovariance(FixedExtrinsicsSummary* summary) {
 
 FixedExtrinsicsSummary Solver::Solve() {
   FixedExtrinsicsSummary summary;
-  double cost = Cost();
-  summary.initial_cost = cost;
-  double damping = kInitialDamping;
-  bool full_newton = true;
   std::vector<Eigen::Vector3d> new_xyz(points_.size());
-  std::vector<bool> point_moved;
-  for (; summary.num_iterations < options_.max_num_iterations;
-       ++summary.num_iterations) {
-    const NormalEquations equations = BuildNormalEquations(full_newton, false);
+  // A step of zero: the points move to their minima.
+  double cost =
+      TryStep(Eigen::VectorXd::Zero(num_free_), current_params_, &new_xyz);
+  SetPoints(new_xyz);
+  summary.initial_cost = cost;
+  summary.converged = num_free_ == 0;
+  double damping = kInitialDamping;
+  Curvature curvature = Curvature::kNewton;
+  while (!summary.converged &&
+         summary.num_iterations < options_.max_num_iterations) {
+    ++summary.num_iterations;
+    const NormalEquations equations = BuildNormalEquations(curvature, false);
     Eigen::VectorXd step;
-    if (num_free_ == 0) {
-      step.resize(0);
-    } else if (!ComputeStep(equations, damping, &step)) {
+    if (!ComputeStep(equations, damping, &step)) {
       // Far from the solution the second derivative of the loss makes the
-      // system indefinite; reweighting alone cannot.
-      if (full_newton) {
-        full_newton = false;
+      // system indefinite; less of it cannot.
+      if (curvature == Curvature::kNewton) {
+        curvature = Curvature::kClamped;
       } else if ((damping *= 10.0) > kMaxDamping) {
         break;
       }
       continue;
     }
     const Params new_params = AddStep(step);
-    const double new_cost = TryStep(step, new_params, &new_xyz, &point_moved);
+    const double new_cost = TryStep(step, new_params, &new_xyz);
     const bool small_step = IsSmall(step, &summary.last_focal_change);
     // Rounding limits what the cost can resolve.
     const bool accepted = new_cost <= cost * (1.0 + 1e-13);
     if (accepted) {
-      const bool cost_converged = cost - new_cost <= 1e-13 * cost;
+      summary.converged = small_step && damping < kMinDamping;
+      current_params_ = new_params;
       for (size_t i = 0; i < scene_->cameras.size(); ++i) {
         scene_->cameras[i].params = new_params[i];
       }
-      for (size_t i = 0; i < points_.size(); ++i) {
-        *points_[i].xyz = new_xyz[i];
-        double& point_damping = point_damping_[i];
-        point_damping = point_moved[i]
-                            ? 0.1 * point_damping
-                            : std::max(10.0 * point_damping, kInitialDamping);
-      }
+      SetPoints(new_xyz);
       cost = new_cost;
-      const bool undamped = damping < kMinDamping;
-      damping *= 0.1;
-      full_newton = true;
-      if (undamped && small_step && (num_free_ > 0 || cost_converged)) {
-        summary.converged = true;
-        ++summary.num_iterations;
-        break;
-      }
-    } else if (full_newton) {
-      full_newton = false;
+      damping *= 0.03;
+      curvature = Curvature::kNewton;
+    } else if (curvature != Curvature::kReweighted) {
+      curvature = curvature == Curvature::kNewton ? Curvature::kClamped
+                                                  : Curvature::kReweighted;
     } else {
       damping = std::max(10.0 * damping, kInitialDamping);
       if (damping > kMaxDamping) break;
@@ -671,10 +753,7 @@ FixedExtrinsicsSummary SolveFixedExtrinsics(
 }
 
 std::vector<double> SquaredResiduals(const Scene& scene) {
-  std::vector<Eigen::Matrix3d> rotations;
-  for (const RigCamera& camera : scene.cameras) {
-    rotations.push_back(camera.cam_from_world.rotation.toRotationMatrix());
-  }
+  const std::vector<Eigen::Matrix3d> rotations = Rotations(scene);
   std::vector<double> squared_residuals;
   for (const Frame& frame : scene.frames) {
     for (size_t i = 0; i < frame.points.size(); ++i) {
@@ -699,27 +778,82 @@ std::vector<double> SquaredResiduals(const Scene& scene) {
   return squared_residuals;
 }
 
-std::vector<double> NoiseSamples(const Scene& scene,
-                                 const std::vector<double>& squared_residuals) {
-  std::vector<double> samples;
-  // Two views leave one of four degrees of freedom: a last resort.
-  for (const size_t min_track_length : {3, 2}) {
-    size_t observation_idx = 0;
-    for (const Frame& frame : scene.frames) {
-      for (size_t i = 0; i < frame.points.size(); ++i) {
-        const size_t length = frame.track_begins[i + 1] - frame.track_begins[i];
-        const double share = 1.0 - 3.0 / (2.0 * static_cast<double>(length));
-        for (size_t k = 0; k < length; ++k) {
-          const double s = squared_residuals[observation_idx++];
-          if (length >= min_track_length && std::isfinite(s)) {
-            samples.push_back(s / share);
-          }
+std::vector<NoiseSample> NoiseSamples(const Scene& scene,
+                                      const ceres::LossFunction* loss) {
+  constexpr double kMinWeight = 0.05;
+  const std::vector<Eigen::Matrix3d> rotations = Rotations(scene);
+  double rho_at_zero[3] = {0.0, 1.0, 0.0};
+  if (loss != nullptr) loss->Evaluate(0.0, rho_at_zero);
+  std::vector<NoiseSample> samples;
+  std::vector<Linearization> linearizations;
+  std::vector<double> weights;
+  for (const Frame& frame : scene.frames) {
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      linearizations.clear();
+      weights.clear();
+      Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        const size_t camera_idx =
+            frame.images[observation.image_idx].camera_idx;
+        Linearization linearization;
+        if (!LinearizeObservation(scene.cameras[camera_idx],
+                                  rotations[camera_idx],
+                                  scene.cameras[camera_idx].params,
+                                  observation.xy,
+                                  {},
+                                  frame.points[i],
+                                  &linearization)) {
+          continue;
+        }
+        double rho[3] = {0.0, 1.0, 0.0};
+        if (loss != nullptr) {
+          loss->Evaluate(linearization.residual.squaredNorm(), rho);
+        }
+        weights.push_back(rho[1] / rho_at_zero[1]);
+        linearizations.push_back(linearization);
+        const Matrix2x3& jacobian = linearization.jacobian_point;
+        information += weights.back() * jacobian.transpose() * jacobian;
+      }
+      if (linearizations.size() < 2) continue;
+      const Eigen::LDLT<Eigen::Matrix3d> factorization(information);
+      for (size_t k = 0; k < linearizations.size(); ++k) {
+        const Matrix2x3& jacobian = linearizations[k].jacobian_point;
+        const Eigen::Matrix2d covariance =
+            Eigen::Matrix2d::Identity() -
+            weights[k] * jacobian * factorization.solve(jacobian.transpose());
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;
+        eigen.computeDirect(covariance);
+        for (int e = 0; e < 2; ++e) {
+          const double weight = std::min(eigen.eigenvalues()(e), 1.0);
+          if (!(weight > kMinWeight)) continue;
+          const double residual =
+              eigen.eigenvectors().col(e).dot(linearizations[k].residual);
+          samples.push_back({residual * residual / weight, weight});
         }
       }
     }
-    if (!samples.empty()) break;
   }
   return samples;
+}
+
+double RobustStd(std::vector<NoiseSample> samples) {
+  std::sort(samples.begin(),
+            samples.end(),
+            [](const NoiseSample& a, const NoiseSample& b) {
+              return a.squared < b.squared;
+            });
+  double total = 0.0;
+  for (const NoiseSample& sample : samples) total += sample.weight;
+  double sum = 0.0;
+  for (const NoiseSample& sample : samples) {
+    sum += sample.weight;
+    if (sum >= 0.5 * total) {
+      return std::sqrt(sample.squared / kMedianOfSquare);
+    }
+  }
+  return 0.0;
 }
 
 }  // namespace mfir

@@ -70,11 +70,28 @@ FixedExtrinsicsSummary SolveFixedExtrinsics(
 // for points behind the camera.
 std::vector<double> SquaredResiduals(const Scene& scene);
 
-// The same residuals, each divided by the share of its degrees of freedom that
-// the fit of its point leaves ((2 n - 3) / (2 n) for a track of n
-// observations): an estimate of the noise. Points behind a camera and tracks
-// shorter than three are left out.
-std::vector<double> NoiseSamples(const Scene& scene,
-                                 const std::vector<double>& squared_residuals);
+// One coordinate of a residual as a sample of the noise.
+struct NoiseSample {
+  double squared;  // px^2, corrected for the fit of the point
+  double weight;   // degrees of freedom, 0 to 1
+};
+
+// Samples of the noise from the residuals of all observations. A residual is
+// smaller than the noise because the point was fitted to it, all the more where
+// few observations carry a track (of the four coordinates of two views only one
+// is left). Its covariance is, in units of the noise,
+//
+//   C_i = I - w_i J_i V^-1 J_i^T,   V = sum_k w_k J_k^T J_k,
+//
+// with J the Jacobian of the point and w = rho'(s) / rho'(0) the weights of the
+// robust fit (1 without a loss). Each eigenvector e of C_i with eigenvalue l
+// gives the sample (e . r_i)^2 / l with weight l; directions that the fit has
+// made zero do not count.
+std::vector<NoiseSample> NoiseSamples(const Scene& scene,
+                                      const ceres::LossFunction* loss);
+
+// Standard deviation (px per axis) of Gaussian noise with the same weighted
+// median of squares. Zero without samples.
+double RobustStd(std::vector<NoiseSample> samples);
 
 }  // namespace mfir

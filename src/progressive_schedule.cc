@@ -9,6 +9,7 @@
 
 #include "errors.h"
 #include "priors.h"
+#include "refinement.h"
 
 namespace mfir {
 namespace {
@@ -189,16 +190,32 @@ void ProgressiveSchedule::SetWeights() {
   }
 }
 
-double ProgressiveSchedule::Cost(const Term& term,
-                                 bool apply_loss_function) const {
+double ProgressiveSchedule::Cost(const Term& term) const {
   double cost = 0.0;
-  if (term.blocks.empty()) return cost;
+  problem_->Evaluate(EvaluateOptions(term), &cost, nullptr, nullptr, nullptr);
+  return cost;
+}
+
+double ProgressiveSchedule::ReprojectionRms() const {
+  ceres::Problem::EvaluateOptions evaluate_options =
+      EvaluateOptions(terms_[kReprojection]);
+  evaluate_options.apply_loss_function = false;
+  std::vector<double> residuals;
+  problem_->Evaluate(evaluate_options, nullptr, &residuals, nullptr, nullptr);
+  std::vector<double> squared_residuals;
+  for (size_t i = 0; i + 1 < residuals.size(); i += 2) {
+    squared_residuals.push_back(residuals[i] * residuals[i] +
+                                residuals[i + 1] * residuals[i + 1]);
+  }
+  return InlierRms(squared_residuals);
+}
+
+ceres::Problem::EvaluateOptions ProgressiveSchedule::EvaluateOptions(
+    const Term& term) const {
   ceres::Problem::EvaluateOptions evaluate_options;
   evaluate_options.residual_blocks = term.blocks;
-  evaluate_options.apply_loss_function = apply_loss_function;
   evaluate_options.num_threads = options_.EffectiveNumThreads();
-  problem_->Evaluate(evaluate_options, &cost, nullptr, nullptr, nullptr);
-  return cost;
+  return evaluate_options;
 }
 
 ceres::Solver::Options ProgressiveSchedule::SolverOptions() const {
@@ -241,7 +258,7 @@ void ProgressiveSchedule::Run(const StageCallback& callback) {
     for (const Term& term : terms_) {
       if (term.blocks.empty()) continue;
       stage.weights.emplace_back(term.name, term.weight);
-      stage.costs.emplace_back(term.name, Cost(term, true));
+      stage.costs.emplace_back(term.name, Cost(term));
     }
     stage.num_iterations =
         summary.num_successful_steps + summary.num_unsuccessful_steps;

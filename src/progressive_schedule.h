@@ -84,7 +84,9 @@ class ProgressiveSchedule {
   void AddVariance(const ImageBlocks& image);
   void HoldUnrefinedGlobals();
   void SetWeights();
-  double Cost(const Term& term, bool apply_loss_function) const;
+  ceres::Problem::EvaluateOptions EvaluateOptions(const Term& term) const;
+  double Cost(const Term& term) const;
+  double ReprojectionRms() const;
   ceres::Solver::Options SolverOptions() const;
 
   const MultiFrameOptions options_;

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <set>
 
 #include <ceres/loss_function.h>
+#include <Eigen/Cholesky>
 
 #include "fixed_extrinsics_solver.h"
 #include "scale_mixture_loss.h"
@@ -23,9 +23,7 @@ constexpr double kStartTolerance = 1e-5;
 constexpr double kCauchyScaleInStds = 2.385;
 constexpr double kMinScaleReduction = 0.02;
 
-constexpr int kMaxNumNoiseSolves = 20;
-constexpr double kNoiseTolerance = 1e-7;
-constexpr double kNoiseStdTolerance = 1e-3;
+constexpr double kMinStd = 1e-6;  // px
 
 double Median(std::vector<double> values) {
   const auto middle = values.begin() + values.size() / 2;
@@ -34,11 +32,88 @@ double Median(std::vector<double> values) {
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
-// Standard deviation (px per axis) of Gaussian noise with the same median of
-// squared norms, 2 ln(2) sigma^2.
-double RobustStd(const std::vector<double>& samples) {
-  return samples.empty() ? 0.0
-                         : std::sqrt(Median(samples) / (2.0 * std::log(2.0)));
+// Point closest to the rays of its observations, by iteratively reweighted
+// least squares (Cauchy on the distance to the ray over the distance to the
+// camera).
+bool IntersectRays(const Scene& scene,
+                   const Frame& frame,
+                   size_t point_idx,
+                   Eigen::Vector3d* xyz) {
+  constexpr int kNumIterations = 10;
+  constexpr double kAngle = 0.01;  // rad
+  for (int iteration = 0; iteration < kNumIterations; ++iteration) {
+    Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d b = Eigen::Vector3d::Zero();
+    for (size_t k = frame.track_begins[point_idx];
+         k < frame.track_begins[point_idx + 1];
+         ++k) {
+      const Observation& observation = frame.observations[k];
+      const RigCamera& camera =
+          scene.cameras[frame.images[observation.image_idx].camera_idx];
+      Eigen::Vector3d ray(0.0, 0.0, 1.0);
+      camera.model->Unproject(camera.params.data(),
+                              observation.xy.x(),
+                              observation.xy.y(),
+                              ray.data());
+      if (!ray.allFinite()) continue;
+      ray = (camera.cam_from_world.rotation.conjugate() * ray).normalized();
+      const Eigen::Vector3d center = camera.cam_from_world.Center();
+      const Eigen::Matrix3d projector =
+          Eigen::Matrix3d::Identity() - ray * ray.transpose();
+      double weight = 1.0;
+      if (iteration > 0) {
+        const double sine = (projector * (*xyz - center)).norm() /
+                            std::max((*xyz - center).norm(), 1e-300);
+        weight = 1.0 / (1.0 + sine * sine / (kAngle * kAngle));
+      }
+      a += weight * projector;
+      b += weight * projector * center;
+    }
+    const Eigen::LDLT<Eigen::Matrix3d> factorization(a);
+    *xyz = factorization.solve(b);
+    if (factorization.info() != Eigen::Success || !xyz->allFinite()) {
+      return false;
+    }
+  }
+  return true;
+}
+
+// Replaces points by the intersection of their rays, under the known extrinsics
+// and the intrinsics of the rig, where that fits the observations better: a
+// frame's own reconstruction can be arbitrarily bent.
+void ImprovePoints(Scene* scene) {
+  constexpr double kScale = 10.0;  // px
+  const auto cost = [](const std::vector<double>& squared_residuals,
+                       size_t begin,
+                       size_t end) {
+    double sum = 0.0;
+    for (size_t k = begin; k < end; ++k) {
+      sum +=
+          std::log1p(std::min(squared_residuals[k] / (kScale * kScale), 1e12));
+    }
+    return sum;
+  };
+  Scene intersected = *scene;
+  for (Frame& frame : intersected.frames) {
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      Eigen::Vector3d xyz;
+      if (IntersectRays(intersected, frame, i, &xyz)) frame.points[i] = xyz;
+    }
+  }
+  const std::vector<double> before = SquaredResiduals(*scene);
+  const std::vector<double> after = SquaredResiduals(intersected);
+  size_t frame_begin = 0;
+  for (size_t f = 0; f < scene->frames.size(); ++f) {
+    Frame& frame = scene->frames[f];
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      const size_t begin = frame_begin + frame.track_begins[i];
+      const size_t end = frame_begin + frame.track_begins[i + 1];
+      if (cost(after, begin, end) < cost(before, begin, end)) {
+        frame.points[i] = intersected.frames[f].points[i];
+      }
+    }
+    frame_begin += frame.observations.size();
+  }
 }
 
 class Refiner {
@@ -49,33 +124,29 @@ class Refiner {
       : options_(options), callback_(callback), scene_(scene) {}
 
   RefinementResult Run(bool from_frames) {
-    if (from_frames) Approach();
+    std_px_ = RobustStd(Samples(nullptr));
+    if (from_frames) ImprovePoints(scene_);
+    if (from_frames || options_.loss_scale == 0.0) Approach();
     RefinementResult result;
-    std::unique_ptr<ceres::LossFunction> loss;
-    if (options_.loss_scale > 0.0) {
-      loss = std::make_unique<ceres::CauchyLoss>(options_.loss_scale);
-    } else {
-      loss = EstimateNoise();
-    }
+    // From a fit with a broad loss only: a sharp loss pulls points onto few of
+    // their observations, and its residuals would sharpen it further.
+    const ceres::CauchyLoss cauchy(options_.loss_scale > 0.0
+                                       ? options_.loss_scale
+                                       : kCauchyScaleInStds * std_px_);
+    const ScaleMixtureLoss noise(Samples(&cauchy));
+    result.noise_std_px = noise.CoreStd();
+    result.outlier_share = noise.OutlierShare();
+    const ceres::LossFunction* loss = &noise;
+    if (options_.loss_scale > 0.0) loss = &cauchy;
     const FixedExtrinsicsSummary summary =
         Solve("final", *loss, options_.max_num_iterations, 1e-10, true);
     result.converged = summary.converged;
     result.last_focal_change = summary.last_focal_change;
     result.covariance = summary.covariance;
-    const std::vector<double> samples = Samples();
-    if (!samples.empty()) {
-      const ScaleMixtureLoss noise(samples);
-      result.noise_std_px = noise.CoreStd();
-      result.outlier_share = noise.OutlierShare();
-    }
     return result;
   }
 
  private:
-  std::vector<double> Samples() const {
-    return NoiseSamples(*scene_, SquaredResiduals(*scene_));
-  }
-
   FixedExtrinsicsSummary Solve(const std::string& name,
                                const ceres::LossFunction& loss,
                                int max_num_iterations,
@@ -91,13 +162,15 @@ class Refiner {
     solver_options.parameter_tolerance = tolerance;
     solver_options.compute_covariance = final_solve;
     solver_options.num_threads = options_.EffectiveNumThreads();
-    if (options_.loss_scale > 0.0) {
-      for (const Frame& frame : scene_->frames) {
-        solver_options.frame_weights.push_back(
-            options_.reprojection_weight /
-            static_cast<double>(scene_->frames.size() *
-                                frame.observations.size()));
-      }
+    for (const Frame& frame : scene_->frames) {
+      // Estimated noise is that of every observation, whatever its frame.
+      const double divisor =
+          options_.loss_scale > 0.0
+              ? static_cast<double>(scene_->frames.size() *
+                                    frame.observations.size())
+              : 1.0;
+      solver_options.frame_weights.push_back(options_.reprojection_weight /
+                                             divisor);
     }
     const FixedExtrinsicsSummary summary =
         SolveFixedExtrinsics(solver_options, scene_);
@@ -111,42 +184,36 @@ class Refiner {
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start)
             .count();
     stage.termination = summary.converged ? "converged" : "max_num_iterations";
-    stage.rms_px = ReprojectionRms(*scene_, false).back();
+    stage.rms_px = InlierRms(SquaredResiduals(*scene_));
     callback_(stage);
     return summary;
   }
 
   // Solves with Cauchy losses of a scale that follows the residuals down.
   void Approach() {
-    double std_px = RobustStd(Samples());
-    for (int i = 0; i < kMaxNumStartSolves && std_px > 0.0; ++i) {
-      const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px);
+    for (int i = 0; i < kMaxNumStartSolves; ++i) {
+      const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px_);
       Solve("start", loss, kMaxNumStartIterations, kStartTolerance, false);
-      const double new_std_px = RobustStd(Samples());
-      const bool settled = new_std_px > (1.0 - kMinScaleReduction) * std_px;
-      std_px = new_std_px;
-      if (settled) break;
+      const double previous_std_px = std_px_;
+      std_px_ = RobustStd(Samples(&loss));
+      if (std_px_ > (1.0 - kMinScaleReduction) * previous_std_px) break;
     }
   }
 
-  std::unique_ptr<ceres::LossFunction> EstimateNoise() {
-    double previous_std = 0.0;
-    for (int i = 0;; ++i) {
-      std::vector<double> samples = Samples();
-      if (samples.empty()) samples.push_back(1.0);
-      auto loss = std::make_unique<ScaleMixtureLoss>(samples);
-      const double change = std::abs(loss->CoreStd() / previous_std - 1.0);
-      previous_std = loss->CoreStd();
-      if (i == kMaxNumNoiseSolves || (i > 0 && change < kNoiseStdTolerance)) {
-        return loss;
-      }
-      Solve("noise", *loss, kMaxNumStartIterations, kNoiseTolerance, false);
+  std::vector<NoiseSample> Samples(const ceres::LossFunction* loss) const {
+    std::vector<NoiseSample> samples = NoiseSamples(*scene_, loss);
+    // Noise-free data has residuals of rounding size, or none at all.
+    for (NoiseSample& sample : samples) {
+      sample.squared = std::max(sample.squared, kMinStd * kMinStd);
     }
+    if (samples.empty()) samples.push_back({1.0, 1.0});
+    return samples;
   }
 
   const MultiFrameOptions& options_;
   const StageCallback& callback_;
   Scene* scene_;
+  double std_px_ = 0.0;
 };
 
 // The frame as a scene of its own, its images' intrinsics those of the rig.
@@ -231,43 +298,73 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
 }
 
 double EstimateCauchyScale(const Scene& scene) {
-  std::vector<double> samples;
+  std::vector<NoiseSample> samples;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     Scene single = SingleFrameScene(scene, i);
     for (const FrameImage& image : single.frames[0].images) {
       single.cameras[image.camera_idx].cam_from_world = image.cam_from_world;
     }
-    const std::vector<double> frame_samples =
-        NoiseSamples(single, SquaredResiduals(single));
+    const std::vector<NoiseSample> frame_samples =
+        NoiseSamples(single, nullptr);
     samples.insert(samples.end(), frame_samples.begin(), frame_samples.end());
   }
-  return samples.empty()
-             ? 1.0
-             : std::max(1e-3, kCauchyScaleInStds * RobustStd(samples));
+  return std::max(1e-3, kCauchyScaleInStds * RobustStd(std::move(samples)));
 }
 
-std::vector<double> ReprojectionRms(const Scene& scene,
-                                    bool single_frame_mode) {
+std::vector<double> SquaredResiduals(const Scene& scene,
+                                     bool single_frame_mode) {
+  if (!single_frame_mode) return SquaredResiduals(scene);
+  std::vector<double> squared_residuals;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const std::vector<double> frame_residuals =
+        SquaredResiduals(SingleFrameScene(scene, i));
+    squared_residuals.insert(squared_residuals.end(),
+                             frame_residuals.begin(),
+                             frame_residuals.end());
+  }
+  return squared_residuals;
+}
+
+double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals) {
+  constexpr double kMaxStds = 4.0;
+  if (squared_residuals.empty()) return 0.0;
+  // |r|^2 of 2D Gaussian noise has the median 2 ln(2) sigma^2.
+  return kMaxStds * kMaxStds * Median(squared_residuals) /
+         (2.0 * std::log(2.0));
+}
+
+double InlierRms(const std::vector<double>& squared_residuals) {
+  const double max_squared = MaxInlierSquaredResidual(squared_residuals);
+  double sum = 0.0;
+  double count = 0.0;
+  for (const double squared : squared_residuals) {
+    if (!std::isfinite(squared) || squared > max_squared) continue;
+    sum += squared;
+    count += 1.0;
+  }
+  return std::sqrt(sum / count);
+}
+
+std::vector<double> RmsByCamera(const Scene& scene,
+                                const std::vector<double>& squared_residuals,
+                                const std::vector<bool>& selected) {
   std::vector<double> sums(scene.cameras.size() + 1, 0.0);
   std::vector<double> counts(scene.cameras.size() + 1, 0.0);
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    Scene single = SingleFrameScene(scene, i);
-    if (!single_frame_mode) single.cameras = scene.cameras;
-    const Frame& frame = single.frames[0];
-    const std::vector<double> squared_residuals = SquaredResiduals(single);
-    for (size_t k = 0; k < squared_residuals.size(); ++k) {
-      if (!std::isfinite(squared_residuals[k])) continue;
-      const size_t camera_idx =
-          frame.images[frame.observations[k].image_idx].camera_idx;
-      for (const size_t idx : {camera_idx, scene.cameras.size()}) {
-        sums[idx] += squared_residuals[k];
-        counts[idx] += 1.0;
+  size_t k = 0;
+  for (const Frame& frame : scene.frames) {
+    for (const Observation& observation : frame.observations) {
+      const size_t camera_idx = frame.images[observation.image_idx].camera_idx;
+      if (selected[k] && std::isfinite(squared_residuals[k])) {
+        for (const size_t idx : {camera_idx, scene.cameras.size()}) {
+          sums[idx] += squared_residuals[k];
+          counts[idx] += 1.0;
+        }
       }
+      ++k;
     }
   }
   for (size_t i = 0; i < sums.size(); ++i) {
-    sums[i] = counts[i] > 0.0 ? std::sqrt(sums[i] / counts[i])
-                              : std::numeric_limits<double>::quiet_NaN();
+    sums[i] = std::sqrt(sums[i] / counts[i]);  // NaN without observations
   }
   return sums;
 }

@@ -50,10 +50,23 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
 // their own poses and intrinsics.
 double EstimateCauchyScale(const Scene& scene);
 
-// Root mean square of the residual norms (px) over all observations with points
-// in front of their camera, under known extrinsics and intrinsics of the rig,
-// or of the frames in single-frame mode. One value per rig camera, then the one
-// over all; NaN without observations.
-std::vector<double> ReprojectionRms(const Scene& scene, bool single_frame_mode);
+// Squared residual norms (px^2) as in fixed_extrinsics_solver.h, in
+// single-frame mode with the intrinsics of the frames.
+std::vector<double> SquaredResiduals(const Scene& scene,
+                                     bool single_frame_mode);
+
+// The rule for outliers in everything that is reported: residual norm above 4
+// sigma, where sigma = sqrt(median / (2 ln 2)) is the standard deviation of
+// Gaussian noise with the same median of squared norms.
+double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals);
+
+// Root mean square (px) of the residual norms without outliers.
+double InlierRms(const std::vector<double>& squared_residuals);
+
+// Root mean square (px) of the selected residual norms: one value per rig
+// camera, then the one over all; NaN without observations.
+std::vector<double> RmsByCamera(const Scene& scene,
+                                const std::vector<double>& squared_residuals,
+                                const std::vector<bool>& selected);
 
 }  // namespace mfir

@@ -14,32 +14,29 @@ constexpr int kNumIterations = 500;
 constexpr double kTolerance = 1e-7;  // change of a mixture weight
 constexpr double kMinShare = 1e-6;
 constexpr double kStepInSigma = 1.4142135623730951;
-constexpr double kMinSigmaRatio = 0.25;  // relative to the median-based sigma
+// Relative to the sigma that the median suggests. Narrower components would
+// only describe points that happen to fit their observations.
+constexpr double kMinSigmaRatio = 0.5;
 constexpr double kMaxSigmaRatio = 400.0;
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + values.size() / 2;
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 
-ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<double>& squared_norms) {
+ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples) {
   // The likelihood needs s only through a fine histogram of its logarithm.
-  const double median = std::max(Median(squared_norms), 1e-12);
+  const double sigma_of_median = std::max(RobustStd(samples), 1e-6);
+  const double scale = std::pow(sigma_of_median, 2);
   const int num_bins = (kMaxLog2Ratio - kMinLog2Ratio) * kBinsPerOctave;
   std::vector<double> counts(num_bins, 0.0);
-  for (const double s : squared_norms) {
+  double total_weight = 0.0;
+  for (const NoiseSample& sample : samples) total_weight += sample.weight;
+  for (const NoiseSample& sample : samples) {
     const double bin =
-        (std::log2(std::max(s, 1e-300) / median) - kMinLog2Ratio) *
+        (std::log2(std::max(sample.squared, 1e-300) / scale) - kMinLog2Ratio) *
         kBinsPerOctave;
     counts[static_cast<size_t>(std::clamp(bin, 0.0, num_bins - 1.0))] +=
-        1.0 / squared_norms.size();
+        sample.weight / total_weight;
   }
 
-  // |r|^2 of a 2D Gaussian has the median 2 ln(2) sigma^2.
-  const double sigma_of_median = std::sqrt(median / (2.0 * std::log(2.0)));
   std::vector<double> variances;
   for (double ratio = kMinSigmaRatio; ratio < kMaxSigmaRatio;
        ratio *= kStepInSigma) {
@@ -53,11 +50,11 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<double>& squared_norms) {
     for (int bin = 0; bin < num_bins; ++bin) {
       if (counts[bin] == 0.0) continue;
       const double s =
-          median * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
+          scale * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
       double sum = 0.0;
       for (size_t k = 0; k < variances.size(); ++k) {
-        posterior[k] =
-            shares[k] / variances[k] * std::exp(-0.5 * s / variances[k]);
+        posterior[k] = shares[k] / std::sqrt(variances[k]) *
+                       std::exp(-0.5 * s / variances[k]);
         sum += posterior[k];
       }
       // Beyond all components: the widest one takes it.

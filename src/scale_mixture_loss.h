@@ -4,6 +4,8 @@
 
 #include <ceres/loss_function.h>
 
+#include "fixed_extrinsics_solver.h"
+
 #include <vector>
 
 namespace mfir {
@@ -25,10 +27,8 @@ namespace mfir {
 // cost = sum 1/2 rho is in units of the noise: its Hessian is an information.
 class ScaleMixtureLoss final : public ceres::LossFunction {
  public:
-  // Fits the mixture to squared residual norms (px^2), each already corrected
-  // for the degrees of freedom its fit has used. Needs at least one positive
-  // finite value.
-  explicit ScaleMixtureLoss(const std::vector<double>& squared_norms);
+  // Fits the mixture. Needs at least one sample.
+  explicit ScaleMixtureLoss(const std::vector<NoiseSample>& samples);
 
   // rho[0..2] = rho(s), rho'(s), rho''(s).
   void Evaluate(double s, double rho[3]) const override;

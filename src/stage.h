@@ -11,7 +11,7 @@ namespace mfir {
 
 struct Stage {
   int index = 0;
-  // "schedule", "start", "noise" or "final", see README.
+  // "schedule", "start" or "final", see README.
   std::string name;
   // Weight and cost of each term that takes part, by the names of the options
   // and of summary.json.
@@ -21,7 +21,7 @@ struct Stage {
   double time_s = 0.0;
   // "converged", "max_num_iterations" or "failed".
   std::string termination;
-  // Over all observations, with the known extrinsics where they are fixed.
+  // Without outliers, see InlierRms.
   double rms_px = 0.0;
 };
 

@@ -308,7 +308,7 @@ TEST_F(BinaryModelTest, TrailingBytes) {
 TEST_F(BinaryModelTest, RandomBytesNeverCrash) {
   std::mt19937 random(1);
   size_t num_errors = 0;
-  const size_t kNumTrials = 3000;
+  const size_t kNumTrials = 1500;
   for (size_t trial = 0; trial < kNumTrials; ++trial) {
     const auto& [name, content] = contents_[random() % contents_.size()];
     std::string changed = content;
@@ -385,7 +385,7 @@ TEST(ReadModel, RandomTextNeverCrashes) {
   const TemporaryFolder folder;
   const std::string characters = "0123456789 \n-+.e#x\t\r\x80";
   std::mt19937 random(2);
-  for (size_t trial = 0; trial < 2000; ++trial) {
+  for (size_t trial = 0; trial < 1000; ++trial) {
     std::vector<std::string> contents = {kCameras, kImages, kPoints3D};
     std::string& changed = contents[random() % 3];
     for (size_t i = 0; i <= random() % 3; ++i) {
