@@ -266,9 +266,7 @@ void ProgressiveSchedule::Run(const StageCallback& callback) {
     stage.termination = summary.termination_type == ceres::CONVERGENCE
                             ? "converged"
                             : "max_num_iterations";
-    stage.rms_px =
-        std::sqrt(2.0 * Cost(terms_[kReprojection], false) /
-                  static_cast<double>(terms_[kReprojection].blocks.size()));
+    stage.rms_px = ReprojectionRms();
     if (!summary.IsSolutionUsable()) {
       stage.termination = "failed";
     }
