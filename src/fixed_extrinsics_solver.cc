@@ -700,6 +700,7 @@ FixedExtrinsicsSummary Solver::Solve() {
   summary.converged = num_free_ == 0;
   double damping = kInitialDamping;
   Curvature curvature = Curvature::kNewton;
+  bool tried_undamped = false;
   while (!summary.converged &&
          summary.num_iterations < options_.max_num_iterations) {
     ++summary.num_iterations;
@@ -730,6 +731,13 @@ FixedExtrinsicsSummary Solver::Solve() {
       cost = new_cost;
       damping *= 0.03;
       curvature = Curvature::kNewton;
+      tried_undamped = false;
+    } else if (small_step && damping < kMinDamping) {
+      // The cost cannot resolve the step.
+      summary.converged = true;
+    } else if (small_step && !tried_undamped) {
+      tried_undamped = true;
+      damping = 0.0;
     } else if (curvature != Curvature::kReweighted) {
       curvature = curvature == Curvature::kNewton ? Curvature::kClamped
                                                   : Curvature::kReweighted;
