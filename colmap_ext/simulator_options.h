@@ -10,7 +10,7 @@ namespace mfir {
 // image corner are relative to half of the image diagonal.
 struct SimulatorOptions {
   // Camera array: on a dome around the object.
-  int num_cameras = 12;
+  int num_cameras = 16;
   double distance = 1.0;         // metres from the centre
   double azimuth = 110.0;        // degrees to both sides of the face
   double min_elevation = -35.0;  // degrees
@@ -18,9 +18,9 @@ struct SimulatorOptions {
   std::string unit = "m";        // of the world: "m" or "mm"
 
   // True intrinsics.
-  std::string camera_model = "OPENCV";
-  int image_width = 640;
-  int image_height = 480;
+  std::string camera_model = "PINHOLE";
+  int image_width = 800;
+  int image_height = 600;
   double focal_length = 0.0;  // pixels; 0: such that the object fills the image
   double focal_length_sigma = 0.01;    // relative, between cameras
   double principal_point_sigma = 5.0;  // pixels, between cameras
@@ -28,7 +28,7 @@ struct SimulatorOptions {
 
   // Scene and tracks.
   int num_frames = 4;
-  int num_points = 1000;  // per frame
+  int num_points = 1500;  // per frame
   int min_views = 3;      // per point
   int max_views = 10;
   double max_view_angle = 62.0;  // degrees between normal and line of sight
