@@ -11,6 +11,7 @@
 #include "base/camera.h"
 #include "base/camera_models.h"
 #include "base/image.h"
+#include "base/pose.h"
 #include "base/reconstruction.h"
 #include "base/similarity_transform.h"
 #include "exe/extension.h"
@@ -37,6 +38,19 @@ inline void SetCamFromWorld(const Rigid3& cam_from_world,
   const Eigen::Quaterniond& q = cam_from_world.rotation;
   image->SetQvec(Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()));
   image->SetTvec(cam_from_world.translation);
+}
+
+// COLMAP normalizes quaternions whenever it reads or writes them, which can
+// change the last bit each time. This one stays what it is: the pose that a
+// solve is pinned to comes out of every later read bit for bit.
+inline Eigen::Quaterniond StableQuaternion(const Eigen::Quaterniond& q) {
+  Eigen::Vector4d qvec(q.w(), q.x(), q.y(), q.z());
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::Vector4d normalized = colmap::NormalizeQuaternion(qvec);
+    if (normalized == qvec) break;
+    qvec = normalized;
+  }
+  return Eigen::Quaterniond(qvec(0), qvec(1), qvec(2), qvec(3));
 }
 
 // Applies new_from_old to all poses and points.

@@ -18,53 +18,6 @@ namespace {
 
 constexpr size_t kMinNumImages = 3;
 
-std::vector<std::string> ListFrames(const std::string& frames_path,
-                                    const std::string& frame_list_path) {
-  namespace fs = std::filesystem;
-  if (!fs::is_directory(frames_path)) {
-    throw InputError(
-        "--input_path " + frames_path +
-        " is not a folder. Give the folder with one sub-folder per frame.");
-  }
-  std::vector<std::string> names;
-  if (frame_list_path.empty()) {
-    for (const auto& entry : fs::directory_iterator(frames_path)) {
-      if (entry.is_directory()) {
-        names.push_back(entry.path().filename().string());
-      }
-    }
-    if (names.empty()) {
-      throw InputError("--input_path " + frames_path +
-                       " has no sub-folder. Give the folder with one "
-                       "sub-folder per frame.");
-    }
-  } else {
-    std::ifstream file(frame_list_path);
-    if (!file) {
-      throw InputError("--frame_list_path " + frame_list_path +
-                       ": cannot read the file.");
-    }
-    std::string line;
-    for (int number = 1; std::getline(file, line); ++number) {
-      colmap::StringTrim(&line);
-      if (line.empty() || line[0] == '#') continue;
-      if (!fs::is_directory(fs::path(frames_path) / line)) {
-        throw InputError(frame_list_path + ":" + std::to_string(number) +
-                         ": there is no frame '" + line + "' in " +
-                         frames_path + ".");
-      }
-      names.push_back(line);
-    }
-    if (names.empty()) {
-      throw InputError("--frame_list_path " + frame_list_path +
-                       " names no frame.");
-    }
-  }
-  std::sort(names.begin(), names.end());
-  names.erase(std::unique(names.begin(), names.end()), names.end());
-  return names;
-}
-
 // Images of the frame by index of their rig camera; the others are reported.
 void MatchImages(const CameraNaming& naming,
                  const std::map<std::string, size_t>& camera_idxs,
@@ -180,12 +133,13 @@ void CheckCameras(const FrameModel& frame,
   }
 }
 
-size_t NumTracks(const colmap::Reconstruction& reconstruction) {
-  size_t num_tracks = 0;
-  for (const auto& id_and_point : reconstruction.Points3D()) {
-    num_tracks += id_and_point.second.Track().Length() >= 2;
+// Points of a single image tell nothing.
+void RemoveShortTracks(colmap::Reconstruction* reconstruction) {
+  for (const colmap::point3D_t point_id : reconstruction->Point3DIds()) {
+    if (reconstruction->Point3D(point_id).Track().Length() < 2) {
+      reconstruction->DeletePoint3D(point_id);
+    }
   }
-  return num_tracks;
 }
 
 FrameModel ReadFrame(const std::string& frames_path,
@@ -204,6 +158,7 @@ FrameModel ReadFrame(const std::string& frames_path,
   }
   frame.reconstruction = std::make_unique<colmap::Reconstruction>();
   ReadModel(frame.model_path, true, frame.reconstruction.get());
+  RemoveShortTracks(frame.reconstruction.get());
   MatchImages(naming, camera_idxs, &frame, capture);
   SplitCameras(&frame);
   if (target_model != nullptr) {
@@ -213,7 +168,7 @@ FrameModel ReadFrame(const std::string& frames_path,
     frame.skip_reason = "only " + std::to_string(frame.image_ids.size()) +
                         " of its images belong to cameras of the rig, " +
                         std::to_string(kMinNumImages) + " are needed";
-  } else if (NumTracks(*frame.reconstruction) == 0) {
+  } else if (frame.reconstruction->NumPoints3D() == 0) {
     frame.skip_reason = "it has no points seen by two cameras of the rig";
   }
   return frame;
@@ -252,19 +207,64 @@ void RemoveCamerasWithoutImages(Capture* capture) {
   }
 }
 
-std::vector<colmap::point3D_t> SortedTracks(
+std::vector<colmap::point3D_t> SortedPointIds(
     const colmap::Reconstruction& reconstruction) {
   std::vector<colmap::point3D_t> ids;
   for (const auto& id_and_point : reconstruction.Points3D()) {
-    if (id_and_point.second.Track().Length() >= 2) {
-      ids.push_back(id_and_point.first);
-    }
+    ids.push_back(id_and_point.first);
   }
   std::sort(ids.begin(), ids.end());
   return ids;
 }
 
 }  // namespace
+
+std::vector<std::string> ListFrames(const std::string& frames_path,
+                                    const std::string& frame_list_path) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(frames_path)) {
+    throw InputError(
+        "--input_path " + frames_path +
+        " is not a folder. Give the folder with one sub-folder per frame.");
+  }
+  std::vector<std::string> names;
+  if (frame_list_path.empty()) {
+    for (const auto& entry : fs::directory_iterator(frames_path)) {
+      if (entry.is_directory()) {
+        names.push_back(entry.path().filename().string());
+      }
+    }
+    if (names.empty()) {
+      throw InputError("--input_path " + frames_path +
+                       " has no sub-folder. Give the folder with one "
+                       "sub-folder per frame.");
+    }
+  } else {
+    std::ifstream file(frame_list_path);
+    if (!file) {
+      throw InputError("--frame_list_path " + frame_list_path +
+                       ": cannot read the file.");
+    }
+    std::string line;
+    for (int number = 1; std::getline(file, line); ++number) {
+      colmap::StringTrim(&line);
+      if (line.empty() || line[0] == '#') continue;
+      if (!fs::is_directory(fs::path(frames_path) / line)) {
+        throw InputError(frame_list_path + ":" + std::to_string(number) +
+                         ": there is no frame '" + line + "' in " +
+                         frames_path + ".");
+      }
+      names.push_back(line);
+    }
+    if (names.empty()) {
+      throw InputError("--frame_list_path " + frame_list_path +
+                       " names no frame.");
+    }
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  return names;
+}
 
 size_t Capture::NumUsedFrames() const {
   return std::count_if(
@@ -396,7 +396,7 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
       frame.images.push_back(
           {idx_and_image.first, CamFromWorld(image), camera.Params()});
     }
-    for (const colmap::point3D_t point_id : SortedTracks(reconstruction)) {
+    for (const colmap::point3D_t point_id : SortedPointIds(reconstruction)) {
       const colmap::Point3D& point = reconstruction.Point3D(point_id);
       frame.points.push_back(point.XYZ());
       for (const colmap::TrackElement& element : point.Track().Elements()) {
@@ -438,7 +438,7 @@ void UpdateReconstructions(const Similarity3& new_from_rig,
                          : scene.cameras[frame_image.camera_idx].params);
     }
     const std::vector<colmap::point3D_t> point_ids =
-        SortedTracks(reconstruction);
+        SortedPointIds(reconstruction);
     for (size_t i = 0; i < point_ids.size(); ++i) {
       colmap::Point3D& point = reconstruction.Point3D(point_ids[i]);
       point.SetXYZ(rig_from_new * frame.points[i]);

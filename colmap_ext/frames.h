@@ -40,6 +40,12 @@ struct Capture {
   size_t NumUsedFrames() const;
 };
 
+// Names of the frames in `frames_path`, sorted: its sub-folders, or those that
+// `frame_list_path` (if not empty) names, one per line. Throws InputError when
+// there is none or one of the list does not exist.
+std::vector<std::string> ListFrames(const std::string& frames_path,
+                                    const std::string& frame_list_path);
+
 // Reads all frames in `frames_path` (those of `frame_list_path`, one name per
 // line, if not empty), matches their images with the cameras of `rig`, and
 // converts cameras to options.camera_model if set. Frames without a model, with

@@ -42,7 +42,7 @@ void MultiFrameBundleAdjuster::Run(const StageCallback& callback,
     }
     AddFrame(scene_frame.observations.size(), &frame, &schedule);
   }
-  schedule.Run(callback);
+  schedule.Run(options_.solver_options, callback);
 }
 
 void MultiFrameBundleAdjuster::AddFrame(size_t num_observations,

@@ -12,6 +12,7 @@
 #include "colmap_ext/camera_models.h"
 #include "colmap_ext/command.h"
 #include "colmap_ext/compat.h"
+#include "colmap_ext/frames.h"
 #include "colmap_ext/model_io.h"
 #include "colmap_ext/option_parser.h"
 #include "colmap_ext/rig_io.h"
@@ -115,53 +116,12 @@ std::vector<CameraIntrinsics> ReadTrueCameras(const EvaluatorOptions& options,
   return cameras;
 }
 
-std::vector<std::string> ListSubFolders(const std::string& path) {
-  std::vector<std::string> names;
-  std::error_code error;
-  for (fs::directory_iterator it(path, error), end; !error && it != end;
-       it.increment(error)) {
-    std::error_code ignored;  // a link to nowhere, for instance: no folder
-    if (it->is_directory(ignored)) {
-      names.push_back(it->path().filename().string());
-    }
-  }
-  if (error) {
-    throw InputError("--input_path " + path +
-                     ": cannot list the folder: " + error.message() + ".");
-  }
-  std::sort(names.begin(), names.end());
-  return names;
-}
-
-std::vector<std::string> ReadFrameList(const std::string& path,
-                                       const std::string& frames_path) {
-  if (!fs::is_regular_file(path) || !std::ifstream(path)) {
-    throw InputError("--frame_list_path " + path +
-                     ": there is no such file, or it is not readable.");
-  }
-  std::vector<std::string> names = colmap::ReadTextFileLines(path);
-  std::sort(names.begin(), names.end());
-  names.erase(std::unique(names.begin(), names.end()), names.end());
-  if (names.empty()) {
-    throw InputError(path + ": lists no frame. Give one name per line.");
-  }
-  for (const std::string& name : names) {
-    if (FindSparseModel((fs::path(frames_path) / name).string()).empty()) {
-      throw InputError(path + ": frame '" + name + "' has no sparse model in " +
-                       frames_path + ". Correct or remove the line.");
-    }
-  }
-  return names;
-}
-
 // One estimate per frame of the folder. Sub-folders without a model are no
 // frames; they are reported.
 std::vector<FrameEstimate> ReadFrameEstimates(const EvaluatorOptions& options,
                                               const CameraNaming& naming) {
   const std::vector<std::string> names =
-      options.frame_list_path.empty()
-          ? ListSubFolders(options.input_path)
-          : ReadFrameList(options.frame_list_path, options.input_path);
+      ListFrames(options.input_path, options.frame_list_path);
   std::vector<FrameEstimate> estimates;
   for (const std::string& name : names) {
     const std::string model_path =

@@ -127,6 +127,10 @@ Rig ReadRig(const std::string& path,
                                       : a.image_name < b.image_name;
             });
   CheckCameras(path, rig.cameras);
+  for (KnownCamera& camera : rig.cameras) {
+    Eigen::Quaterniond& rotation = camera.cam_from_world.rotation;
+    rotation = StableQuaternion(rotation);
+  }
   return rig;
 }
 

@@ -13,7 +13,8 @@
 
 namespace mfir {
 
-// A camera of RIG as its file gives it. Every double is kept as it was read.
+// A camera of RIG as its file gives it. Every double is kept as it was read,
+// but for quaternions, see StableQuaternion.
 struct KnownCamera {
   std::string name;        // of the physical camera, see CameraNaming
   std::string image_name;  // of the file; the camera name where it has none

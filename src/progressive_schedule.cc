@@ -218,35 +218,32 @@ ceres::Problem::EvaluateOptions ProgressiveSchedule::EvaluateOptions(
   return evaluate_options;
 }
 
-ceres::Solver::Options ProgressiveSchedule::SolverOptions() const {
-  ceres::Solver::Options solver_options;
-  solver_options.max_num_iterations = options_.max_num_iterations;
-  solver_options.function_tolerance = kFunctionTolerance;
-  // Costs are normalized by the number of observations: gradients are tiny.
-  solver_options.gradient_tolerance = 0.0;
-  solver_options.num_threads = options_.EffectiveNumThreads();
-  // Frames couple only through the global intrinsics. With the points
-  // eliminated first, a sparse factorization of the rest takes each frame's
-  // cameras before the globals: linear in the number of frames.
-  solver_options.linear_solver_type = ceres::SPARSE_SCHUR;
-  solver_options.linear_solver_ordering =
-      std::make_shared<ceres::ParameterBlockOrdering>();
+void ProgressiveSchedule::SetSolverOptions(
+    ceres::Solver::Options* solver_options) const {
+  solver_options->max_num_iterations = options_.max_num_iterations;
+  solver_options->num_threads = options_.EffectiveNumThreads();
+  solver_options->function_tolerance = kFunctionTolerance;
+  // With the points eliminated first, a sparse factorization of the rest takes
+  // each frame's cameras before the globals, through which alone the frames
+  // couple: linear in the number of frames.
+  solver_options->linear_solver_type = ceres::SPARSE_SCHUR;
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   for (double* point : points_) {
-    solver_options.linear_solver_ordering->AddElementToGroup(point, 0);
+    ordering->AddElementToGroup(point, 0);
   }
   for (double* block : images_) {
-    solver_options.linear_solver_ordering->AddElementToGroup(block, 1);
+    ordering->AddElementToGroup(block, 1);
   }
   for (const size_t camera_idx : global_camera_idxs_) {
-    solver_options.linear_solver_ordering->AddElementToGroup(
-        (*cameras_)[camera_idx].params.data(), 1);
+    ordering->AddElementToGroup((*cameras_)[camera_idx].params.data(), 1);
   }
-  return solver_options;
+  solver_options->linear_solver_ordering = ordering;
 }
 
-void ProgressiveSchedule::Run(const StageCallback& callback) {
+void ProgressiveSchedule::Run(ceres::Solver::Options solver_options,
+                              const StageCallback& callback) {
   HoldUnrefinedGlobals();
-  const ceres::Solver::Options solver_options = SolverOptions();
+  SetSolverOptions(&solver_options);
   const int num_solves = options_.NumScheduleSolves();
   for (int i = 0; i < num_solves; ++i) {
     SetWeights();

@@ -51,8 +51,11 @@ class ProgressiveSchedule {
   void EndFrame(const std::vector<ImageBlocks>& images,
                 const std::vector<double*>& points);
 
-  // All solves, each reported. Throws SolverError when one fails.
-  void Run(const StageCallback& callback);
+  // All solves, each reported. Of `solver_options` the linear solver, number of
+  // iterations and threads, and function tolerance are set here. Throws
+  // SolverError when a solve fails.
+  void Run(ceres::Solver::Options solver_options,
+           const StageCallback& callback);
 
  private:
   struct Loss {
@@ -87,7 +90,7 @@ class ProgressiveSchedule {
   ceres::Problem::EvaluateOptions EvaluateOptions(const Term& term) const;
   double Cost(const Term& term) const;
   double ReprojectionRms() const;
-  ceres::Solver::Options SolverOptions() const;
+  void SetSolverOptions(ceres::Solver::Options* solver_options) const;
 
   const MultiFrameOptions options_;
   const double num_frames_;
