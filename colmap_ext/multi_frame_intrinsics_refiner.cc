@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <iostream>
 #include <limits>
 
@@ -140,6 +141,17 @@ void CheckOptions(const RefinerOptions& options) {
     throw UsageError(
         "--MultiFrame.dense_features " + features +
         ": this version has no dense features. Use 'none' or leave it out.");
+  }
+  if (options.multi_frame.use_gpu == 1 || options.multi_frame.gpu_index >= 0) {
+    throw UsageError(
+        "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index need dense features, "
+        "which this version has not. Leave them at -1.");
+  }
+  if (!options.image_path.empty() &&
+      !std::filesystem::is_directory(options.image_path)) {
+    throw InputError("--image_path " + options.image_path +
+                     " is not a folder. Correct it or leave it out: images are "
+                     "for dense features only.");
   }
 }
 

@@ -1,0 +1,65 @@
+#!/bin/bash
+# Accuracy on the real captures of the data folder, against their published
+# calibrations: start, `accurate` with 1, 2, 5 and 10 frames, `paper`, and the
+# repeatability over disjoint halves of the frames.
+#
+#   tests/benchmark/real_captures.sh [DATA_FOLDER]
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
+colmap=${MFIR_COLMAP:-$root/build/bin/colmap}
+data=${1:-${MFIR_DATA_DIR:-$root/../shared/data}}
+[[ -d $data ]] || {
+  echo "SKIPPED: there is no data folder $data" >&2
+  exit 0
+}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# metrics FILE.json: one line of the evaluation.
+metrics() {
+  awk -F'[:,]' '
+    /"(focal_rel|pp_abs)": \{/ { key = $1; gsub(/[ "]/, "", key); next }
+    /"(common|rest)": \{/ { group = $1; gsub(/[ "]/, "", group) }
+    /"(focal_scale_permille|pp_shift_x_px|pp_shift_y_px)": \{/ { key = $1; gsub(/[ "]/, "", key); next }
+    /"mean"/ && key != "" { printf "%s%s %.3f  ", group == "rest" ? "rest_" : "", key, $2; key = "" }
+    END { print "" }' "$1"
+}
+
+# evaluate NAME INPUT TRUTH
+evaluate() {
+  "$colmap" multi_frame_evaluator --input_path "$2" --ground_truth_path "$3" \
+    --output_path "$work/evaluation.json" >"$work/log.txt"
+  printf '%-34s ' "$1"
+  metrics "$work/evaluation.json"
+}
+
+# refine NAME FRAMES RIG FIRST COUNT [OPTION...]: evaluates, keeps the result.
+refine() {
+  find "$2" -mindepth 1 -maxdepth 1 -printf '%f\n' | sort |
+    tail -n "+$4" | head -n "$5" >"$work/list.txt"
+  "$colmap" multi_frame_intrinsics_refiner --input_path "$2" \
+    --frame_list_path "$work/list.txt" --extrinsics_path "$3" \
+    --output_path "$work/$1" "${@:6}" >"$work/log.txt"
+  evaluate "$1" "$work/$1" "$3"
+}
+
+set_path=$data/panoptic31
+echo "panoptic31 (31 cameras)"
+evaluate start "$set_path/frames_triangulated" "$set_path/calibration"
+for count in 1 2 5 10; do
+  refine "accurate_${count}_frames" "$set_path/frames_triangulated" \
+    "$set_path/calibration" 1 "$count"
+done
+refine paper_10_frames "$set_path/frames_triangulated" \
+  "$set_path/calibration" 1 10 --MultiFrame.preset paper
+refine frames_1-5 "$set_path/frames_triangulated" "$set_path/calibration" 1 5
+refine frames_6-10 "$set_path/frames_triangulated" "$set_path/calibration" 6 5
+evaluate "repeatability 1-5 against 6-10" "$work/frames_1-5" "$work/frames_6-10/rig"
+
+set_path=$data/robovision12
+echo "robovision12 (12 cameras)"
+refine triangulated "$set_path/frames_triangulated" "$set_path/calibration" 1 8
+refine sfm "$set_path/frames_sfm" "$set_path/calibration" 1 8
+refine frames_1-4 "$set_path/frames_triangulated" "$set_path/calibration" 1 4
+refine frames_5-8 "$set_path/frames_triangulated" "$set_path/calibration" 5 4
+evaluate "repeatability 1-4 against 5-8" "$work/frames_1-4" "$work/frames_5-8/rig"
