@@ -10,6 +10,7 @@
 
 #include "base/camera.h"
 #include "base/camera_models.h"
+#include "base/cost_functions.h"
 #include "base/image.h"
 #include "base/pose.h"
 #include "base/reconstruction.h"

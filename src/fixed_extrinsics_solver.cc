@@ -1,65 +1,38 @@
 #include "fixed_extrinsics_solver.h"
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <Eigen/Eigenvalues>
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
+
+#include "linearization.h"
+#include "parallel_for.h"
+#include "track_solver.h"
 
 namespace mfir {
 namespace {
 
-constexpr size_t kMaxNumParams = 12;  // of COLMAP's camera models
-constexpr size_t kPointsPerChunk = 256;
+constexpr size_t kTracksPerChunk = 256;
 constexpr size_t kMaxChunkBytes = size_t{512} << 20;
 // Damping as a factor on the diagonal of the normal equations; below the
 // smallest value it is off.
 constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDamping = 1e-9;
 constexpr double kMaxDamping = 1e12;
-// Of a standard normal variable.
-constexpr double kMedianOfSquare = 0.45493642311957283;
+// What holds a direction, relative to the largest information.
+constexpr double kHoldingFactor = 1e6;
 
-using Matrix2x3 = Eigen::Matrix<double, 2, 3>;
-using Jacobian =
-    Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2, kMaxNumParams>;
 using ParamsBlock =
     Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, kMaxNumParams, 3>;
+using ParamsBlocks =
+    std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>;
 
-// An observation with everything needed to evaluate it.
-struct FlatObservation {
-  size_t camera_idx;
-  Eigen::Vector2d xy;
-};
-
-struct FlatPoint {
-  Eigen::Vector3d* xyz;
-  double weight;  // of its frame
-  size_t begin;   // into observations
-  size_t end;
-};
-
-// Residual (px) and Jacobians of one observation.
-struct Linearization {
-  Eigen::Vector2d residual;
-  Matrix2x3 jacobian_point;
-  Jacobian jacobian_params;  // free parameters only
-};
-
-// A point's own normal equations.
-struct PointSystem {
-  Eigen::Vector3d gradient;
-  Eigen::LLT<Eigen::Matrix3d> factorization;  // of the Hessian
-  // By observation: Hessian and gradient with respect to the residual.
-  std::vector<Eigen::Matrix2d> weights;
-  std::vector<Eigen::Vector2d> weighted_residuals;
-};
-
-// Sums of one chunk of points: the reduced normal equations
-// hessian * step = -gradient (lower triangle only), and the outer products of
-// the tracks' gradients.
+// The normal equations of the cameras, hessian * step = -gradient (lower
+// triangle only), and the outer products of the tracks' gradients.
 struct NormalEquations {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd gradient;
@@ -72,87 +45,26 @@ struct NormalEquations {
   }
 };
 
-bool ProjectPoint(const RigCamera& camera,
-                  const Eigen::Matrix3d& rotation,
-                  const std::vector<double>& params,
-                  const Eigen::Vector3d& xyz,
-                  Eigen::Vector2d* xy) {
-  const Eigen::Vector3d p = rotation * xyz + camera.cam_from_world.translation;
-  if (!(p.z() > std::numeric_limits<double>::epsilon())) {
-    return false;
-  }
-  camera.model->Project(
-      params.data(), p.x() / p.z(), p.y() / p.z(), xy->data());
-  return xy->allFinite();
+// A free parameter of a camera.
+struct Param {
+  enum Type { kFocalLength, kPrincipalPoint, kExtra, kRotation, kCenter };
+  Type type;
+  size_t camera_idx;
+  size_t idx;           // into the intrinsics, or axis of the correction
+  double pixels;        // by which a unit moves the image, about
+  double focal_length;  // of its camera
+  double prior_std;     // 0: no prior
+};
+
+Eigen::Matrix3d ExpRotation(const Eigen::Vector3d& rotation_vector) {
+  const double angle = rotation_vector.norm();
+  if (angle == 0.0) return Eigen::Matrix3d::Identity();
+  return Eigen::AngleAxisd(angle, rotation_vector / angle).toRotationMatrix();
 }
 
-// How much of the second derivative of the loss is used. From one to the next,
-// steps become shorter and the equations more often positive definite.
-enum class Curvature { kNewton, kClamped, kReweighted };
-
-// Hessian of 1/2 rho(|r|^2) with respect to r: rho' I + 2 rho'' r r^T. Along r
-// it is rho' + 2 rho'' s, negative for outliers. kClamped: not below a share of
-// rho'. kReweighted: rho' I (iterative reweighting, which never overshoots).
-Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
-                              const double rho[3],
-                              Curvature curvature) {
-  constexpr double kMinShare = 0.05;
-  Eigen::Matrix2d hessian = rho[1] * Eigen::Matrix2d::Identity();
-  const double squared_norm = residual.squaredNorm();
-  if (curvature == Curvature::kReweighted || !(squared_norm > 0.0)) {
-    return hessian;
-  }
-  double second = 2.0 * rho[2];
-  if (curvature == Curvature::kClamped) {
-    second = std::max(second, (kMinShare - 1.0) * rho[1] / squared_norm);
-  }
-  return hessian + second * residual * residual.transpose();
-}
-
-// False for a point behind the camera.
-bool LinearizeObservation(const RigCamera& camera,
-                          const Eigen::Matrix3d& rotation,
-                          const std::vector<double>& params,
-                          const Eigen::Vector2d& observed_xy,
-                          const std::vector<size_t>& free_idxs,
-                          const Eigen::Vector3d& xyz,
-                          Linearization* linearization) {
-  const Eigen::Vector3d p = rotation * xyz + camera.cam_from_world.translation;
-  if (!(p.z() > std::numeric_limits<double>::epsilon())) {
-    return false;
-  }
-  const double inverse_depth = 1.0 / p.z();
-  const double u = p.x() * inverse_depth;
-  const double v = p.y() * inverse_depth;
-
-  Eigen::Vector2d xy;
-  Eigen::Matrix<double, 2, 2, Eigen::RowMajor> jacobian_uv;
-  double jacobian_params[2 * kMaxNumParams];
-  camera.model->ProjectWithJacobian(
-      params.data(), u, v, xy.data(), jacobian_uv.data(), jacobian_params);
-  linearization->residual = xy - observed_xy;
-  // d(u, v) / d(p) = [1 0 -u; 0 1 -v] / z.
-  Matrix2x3 jacobian_cam;
-  jacobian_cam << jacobian_uv * inverse_depth,
-      -jacobian_uv * Eigen::Vector2d(u, v) * inverse_depth;
-  linearization->jacobian_point = jacobian_cam * rotation;
-
-  const size_t num_params = camera.model->NumParams();
-  linearization->jacobian_params.resize(2, free_idxs.size());
-  for (size_t i = 0; i < free_idxs.size(); ++i) {
-    linearization->jacobian_params(0, i) = jacobian_params[free_idxs[i]];
-    linearization->jacobian_params(1, i) =
-        jacobian_params[num_params + free_idxs[i]];
-  }
-  return linearization->residual.allFinite();
-}
-
-std::vector<Eigen::Matrix3d> Rotations(const Scene& scene) {
-  std::vector<Eigen::Matrix3d> rotations;
-  for (const RigCamera& camera : scene.cameras) {
-    rotations.push_back(camera.cam_from_world.rotation.toRotationMatrix());
-  }
-  return rotations;
+Eigen::Vector3d LogRotation(const Eigen::Matrix3d& rotation) {
+  const Eigen::AngleAxisd angle_axis(rotation);
+  return angle_axis.angle() * angle_axis.axis();
 }
 
 class Solver {
@@ -162,372 +74,264 @@ class Solver {
   FixedExtrinsicsSummary Solve();
 
  private:
-  using Params = std::vector<std::vector<double>>;  // by camera
+  using States = std::vector<CameraState>;
+  using Points = std::vector<Eigen::Vector3d>;
 
-  void CollectFreeParams();
-  void CollectPoints();
-  void SetPoints(const std::vector<Eigen::Vector3d>& new_xyz);
-  void ComputePixelScales();
+  void CollectTracks();
+  void CollectParams();
+  void AddCameraParams(size_t camera_idx);
 
-  // Cost of one point at `xyz`; infinite behind a camera.
-  double PointCost(const FlatPoint& point,
-                   const Params& params,
-                   const Eigen::Vector3d& xyz) const;
-
-  // False for a point behind a camera.
-  bool LinearizePoint(const FlatPoint& point,
-                      const Params& params,
-                      const Eigen::Vector3d& xyz,
-                      std::vector<Linearization>* linearizations) const;
-
-  // Uses less curvature than asked for where the system is not positive
-  // definite.
-  void BuildPointSystem(const FlatPoint& point,
-                        const std::vector<Linearization>& linearizations,
-                        Curvature curvature,
-                        double damping,
-                        PointSystem* system) const;
-
-  // Moves the point to the minimum of its cost; returns that.
-  double RefinePoint(const FlatPoint& point,
-                     const Params& params,
-                     Eigen::Vector3d* xyz) const;
-
-  // Adds one point, eliminated, to the reduced system; stores what
-  // back-substitution needs.
-  void EliminatePoint(size_t point_idx,
+  // Adds one track, its point eliminated; stores what back-substitution needs.
+  void EliminateTrack(size_t track_idx,
                       Curvature curvature,
                       NormalEquations* equations);
   NormalEquations BuildNormalEquations(Curvature curvature, bool with_outer);
 
-  // Solves for the step of the intrinsics; false if the (damped) system is not
-  // positive definite.
+  // (parameter - known) / std of all priors, by free parameter; 0 without.
+  Eigen::VectorXd PriorResiduals(const States& states) const;
+  double PriorCost(const States& states) const;
+  void AddPriors(bool with_outer, NormalEquations* equations) const;
+  // Finds the directions that min_information holds.
+  void FindHeldDirections();
+
+  // False if the (damped) system is not positive definite.
   bool ComputeStep(const NormalEquations& equations,
                    double damping,
                    Eigen::VectorXd* step) const;
-
   // Cost after the step. Each point takes its own step or stays, whichever is
   // better, and moves on to its minimum: what is left to minimize is a function
-  // of the intrinsics alone.
+  // of the cameras alone.
   double TryStep(const Eigen::VectorXd& step,
-                 const Params& new_params,
-                 std::vector<Eigen::Vector3d>* new_xyz) const;
-  Params AddStep(const Eigen::VectorXd& step) const;
+                 const States& new_states,
+                 Points* new_points) const;
+  States AddStep(const Eigen::VectorXd& step) const;
+  void SetPoints(const Points& points);
+  void SetCameras();
   bool IsSmall(const Eigen::VectorXd& step, double* focal_change) const;
-  void ComputeCovariance(FixedExtrinsicsSummary* summary);
+  Eigen::MatrixXd Covariance();
 
   template <typename Function>
   void ParallelForChunks(const Function& function) const;
 
   const FixedExtrinsicsOptions options_;
   Scene* scene_;
-  const std::vector<Eigen::Matrix3d> rotations_;
-  std::vector<FlatObservation> observations_;
-  std::vector<FlatPoint> points_;
+  std::vector<Track::Observation> observations_;
+  std::vector<Track> tracks_;
   size_t chunk_size_ = 0;
   size_t num_chunks_ = 0;
 
-  // By camera: parameter indices that are free, and where they start in the
-  // reduced system.
-  std::vector<std::vector<size_t>> free_idxs_;
+  // By camera: what is free, and where it starts in the reduced system.
+  std::vector<FreeParams> free_params_;
   std::vector<Eigen::Index> offsets_;
-  Eigen::Index num_free_ = 0;
-  // By free parameter: pixels per unit at the image corner, and the focal
-  // length of its camera.
-  std::vector<double> pixel_scales_;
-  std::vector<double> focal_lengths_;
+  std::vector<Param> params_;
+  Eigen::Index num_params_ = 0;
+  // Columns: held directions, in pixels.
+  Eigen::MatrixXd held_directions_;
+  double holding_information_ = 0.0;
 
-  // Of the cameras, at the current iterate.
-  Params current_params_;
-
+  std::optional<TrackSolver> track_solver_;
+  States states_;
   // Back-substitution: step_xyz = -(point_steps + sum_obs back_blocks^T step).
-  std::vector<Eigen::Vector3d> point_steps_;
-  std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>> back_blocks_;
+  Points point_steps_;
+  ParamsBlocks back_blocks_;
 };
 
 Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
-    : options_(options), scene_(scene), rotations_(Rotations(*scene)) {
-  for (const RigCamera& camera : scene_->cameras) {
-    current_params_.push_back(camera.params);
-  }
-  CollectPoints();
-  CollectFreeParams();
-  ComputePixelScales();
+    : options_(options), scene_(scene), states_(CameraStates(*scene)) {
+  CollectTracks();
+  CollectParams();
+  track_solver_.emplace(
+      options_.loss, scene_, free_params_, options_.camera_noise);
 
   // A fixed partition (independent of the number of threads) whose partial sums
   // are added in order makes the result reproducible.
   const size_t bytes_per_chunk =
-      2 * sizeof(double) * static_cast<size_t>(num_free_ * num_free_) + 1;
+      2 * sizeof(double) * static_cast<size_t>(num_params_ * num_params_) + 1;
   const size_t max_num_chunks =
       std::max<size_t>(2, kMaxChunkBytes / bytes_per_chunk);
   chunk_size_ = std::max(
-      kPointsPerChunk, (points_.size() + max_num_chunks - 1) / max_num_chunks);
-  num_chunks_ = (points_.size() + chunk_size_ - 1) / chunk_size_;
+      kTracksPerChunk, (tracks_.size() + max_num_chunks - 1) / max_num_chunks);
+  num_chunks_ = (tracks_.size() + chunk_size_ - 1) / chunk_size_;
 
+  point_steps_.assign(tracks_.size(), Eigen::Vector3d::Zero());
   back_blocks_.resize(observations_.size());
   for (size_t i = 0; i < observations_.size(); ++i) {
-    back_blocks_[i].setZero(free_idxs_[observations_[i].camera_idx].size(), 3);
+    back_blocks_[i].setZero(
+        static_cast<Eigen::Index>(
+            free_params_[observations_[i].camera_idx].Size()),
+        3);
   }
+  if (options_.min_information > 0.0 && num_params_ > 0) FindHeldDirections();
 }
 
-void Solver::CollectPoints() {
-  const std::vector<double> squared_residuals = SquaredResiduals(*scene_);
-  size_t observation_idx = 0;
+void Solver::CollectTracks() {
+  const std::vector<double> squared_residuals =
+      SquaredResiduals(*scene_, options_.num_threads);
+  size_t k = 0;
   for (size_t i = 0; i < scene_->frames.size(); ++i) {
     Frame& frame = scene_->frames[i];
-    const double weight =
-        options_.frame_weights.empty() ? 1.0 : options_.frame_weights[i];
     for (size_t j = 0; j < frame.points.size(); ++j) {
       const size_t begin = observations_.size();
-      for (size_t k = frame.track_begins[j]; k < frame.track_begins[j + 1];
-           ++k) {
-        const Observation& observation = frame.observations[k];
-        if (std::isfinite(squared_residuals[observation_idx++])) {
+      for (size_t m = frame.track_begins[j]; m < frame.track_begins[j + 1];
+           ++m) {
+        const Observation& observation = frame.observations[m];
+        if (std::isfinite(squared_residuals[k++])) {
           observations_.push_back(
               {frame.images[observation.image_idx].camera_idx, observation.xy});
         }
       }
-      if (observations_.size() - begin >= 2) {
-        points_.push_back(
-            {&frame.points[j], weight, begin, observations_.size()});
-      } else {
+      if (observations_.size() - begin < 2) {
         observations_.resize(begin);
+        continue;
       }
+      Track track;
+      track.xyz = &frame.points[j];
+      track.weight =
+          options_.frame_weights.empty() ? 1.0 : options_.frame_weights[i];
+      track.length = observations_.size() - begin;
+      tracks_.push_back(track);
     }
   }
-  point_steps_.assign(points_.size(), Eigen::Vector3d::Zero());
-}
-
-void Solver::SetPoints(const std::vector<Eigen::Vector3d>& new_xyz) {
-  for (size_t i = 0; i < points_.size(); ++i) {
-    *points_[i].xyz = new_xyz[i];
+  const Track::Observation* observations = observations_.data();
+  for (Track& track : tracks_) {
+    track.observations = observations;
+    observations += track.length;
   }
 }
 
-void Solver::CollectFreeParams() {
+void Solver::CollectParams() {
   std::vector<bool> observed(scene_->cameras.size(), false);
-  for (const FlatObservation& observation : observations_) {
+  for (const Track::Observation& observation : observations_) {
     observed[observation.camera_idx] = true;
   }
   for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    offsets_.push_back(num_free_);
-    free_idxs_.emplace_back();
-    if (!observed[i]) continue;
-    const CameraModel& model = *scene_->cameras[i].model;
-    const auto add = [this](bool refine, const std::vector<size_t>& idxs) {
-      if (refine) {
-        free_idxs_.back().insert(
-            free_idxs_.back().end(), idxs.begin(), idxs.end());
-      }
-    };
-    add(options_.refine_focal_length, model.FocalLengthIdxs());
-    add(options_.refine_principal_point, model.PrincipalPointIdxs());
-    add(options_.refine_extra_params, model.ExtraParamsIdxs());
-    std::sort(free_idxs_.back().begin(), free_idxs_.back().end());
-    num_free_ += static_cast<Eigen::Index>(free_idxs_.back().size());
+    offsets_.push_back(static_cast<Eigen::Index>(params_.size()));
+    free_params_.emplace_back();
+    if (observed[i]) AddCameraParams(i);
   }
+  num_params_ = static_cast<Eigen::Index>(params_.size());
 }
 
-void Solver::ComputePixelScales() {
-  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    const RigCamera& camera = scene_->cameras[i];
-    if (free_idxs_[i].empty()) continue;
-    double uv[2];
-    double xy[2];
-    double jacobian_uv[4];
-    double jacobian_params[2 * kMaxNumParams];
-    camera.model->Unproject(camera.params.data(),
-                            static_cast<double>(camera.width),
-                            static_cast<double>(camera.height),
-                            uv);
-    camera.model->ProjectWithJacobian(
-        camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian_params);
-    const size_t num_params = camera.model->NumParams();
-    for (const size_t idx : free_idxs_[i]) {
-      const double scale =
-          std::hypot(jacobian_params[idx], jacobian_params[num_params + idx]);
-      pixel_scales_.push_back(std::isfinite(scale) && scale > 0.0 ? scale
-                                                                  : 1.0);
-      focal_lengths_.push_back(
-          camera.params[camera.model->FocalLengthIdxs()[0]]);
+void Solver::AddCameraParams(size_t camera_idx) {
+  const RigCamera& camera = scene_->cameras[camera_idx];
+  const CameraModel& model = *camera.model;
+  double uv[2];
+  double xy[2];
+  double jacobian_uv[4];
+  double jacobian[2 * kMaxNumIntrinsics];
+  model.Unproject(camera.params.data(),
+                  static_cast<double>(camera.width),
+                  static_cast<double>(camera.height),
+                  uv);
+  model.ProjectWithJacobian(
+      camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian);
+  const double focal_length = camera.params[model.FocalLengthIdxs()[0]];
+  const auto contains = [](const std::vector<size_t>& idxs, size_t idx) {
+    return std::find(idxs.begin(), idxs.end(), idx) != idxs.end();
+  };
+  const bool constant = !options_.constant_cameras.empty() &&
+                        options_.constant_cameras[camera_idx];
+  FreeParams& free_params = free_params_.back();
+  for (size_t idx = 0; idx < model.NumParams() && !constant; ++idx) {
+    Param param = {Param::kExtra, camera_idx, idx, 1.0, focal_length, 0.0};
+    bool refine = options_.refine_extra_params;
+    if (contains(model.FocalLengthIdxs(), idx)) {
+      param.type = Param::kFocalLength;
+      param.prior_std = options_.focal_std;
+      refine = options_.refine_focal_length;
+    } else if (contains(model.PrincipalPointIdxs(), idx)) {
+      param.type = Param::kPrincipalPoint;
+      param.prior_std = options_.principal_point_std;
+      refine = options_.refine_principal_point;
+    } else {
+      const double pixels =
+          std::hypot(jacobian[idx], jacobian[model.NumParams() + idx]);
+      if (std::isfinite(pixels) && pixels > 0.0) param.pixels = pixels;
     }
+    if (!refine) continue;
+    free_params.intrinsics_idxs.push_back(idx);
+    params_.push_back(param);
+  }
+  if (options_.rotation_std == 0.0 && options_.center_std == 0.0) return;
+  free_params.pose = true;
+  // A standard deviation of zero means exactly known: a very stiff prior.
+  const double distance =
+      std::max(camera.known_cam_from_world.Center().norm(), 1e-300);
+  const double rotation_std =
+      options_.rotation_std > 0.0 ? options_.rotation_std : 1e-12;
+  const double center_std =
+      options_.center_std > 0.0 ? options_.center_std : 1e-12 * distance;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    params_.push_back({Param::kRotation,
+                       camera_idx,
+                       axis,
+                       focal_length,
+                       focal_length,
+                       rotation_std});
+  }
+  for (size_t axis = 0; axis < 3; ++axis) {
+    params_.push_back({Param::kCenter,
+                       camera_idx,
+                       axis,
+                       focal_length / distance,
+                       focal_length,
+                       center_std});
   }
 }
 
 template <typename Function>
 void Solver::ParallelForChunks(const Function& function) const {
-  const long num_chunks = static_cast<long>(num_chunks_);
-#pragma omp parallel for schedule(dynamic) num_threads(options_.num_threads)
-  for (long chunk = 0; chunk < num_chunks; ++chunk) {
-    const size_t begin = static_cast<size_t>(chunk) * chunk_size_;
-    function(static_cast<size_t>(chunk),
-             begin,
-             std::min(points_.size(), begin + chunk_size_));
-  }
+  ParallelFor(num_chunks_, options_.num_threads, [&](size_t chunk) {
+    const size_t begin = chunk * chunk_size_;
+    function(chunk, begin, std::min(tracks_.size(), begin + chunk_size_));
+  });
 }
 
-double Solver::PointCost(const FlatPoint& point,
-                         const Params& params,
-                         const Eigen::Vector3d& xyz) const {
-  double cost = 0.0;
-  for (size_t i = point.begin; i < point.end; ++i) {
-    const size_t camera_idx = observations_[i].camera_idx;
-    Eigen::Vector2d xy;
-    if (!ProjectPoint(scene_->cameras[camera_idx],
-                      rotations_[camera_idx],
-                      params[camera_idx],
-                      xyz,
-                      &xy)) {
-      return std::numeric_limits<double>::infinity();
-    }
-    double rho[3];
-    options_.loss->Evaluate((xy - observations_[i].xy).squaredNorm(), rho);
-    cost += 0.5 * rho[0];
-  }
-  return point.weight * cost;
-}
-
-bool Solver::LinearizePoint(const FlatPoint& point,
-                            const Params& params,
-                            const Eigen::Vector3d& xyz,
-                            std::vector<Linearization>* linearizations) const {
-  linearizations->resize(point.end - point.begin);
-  for (size_t i = point.begin; i < point.end; ++i) {
-    const FlatObservation& observation = observations_[i];
-    if (!LinearizeObservation(scene_->cameras[observation.camera_idx],
-                              rotations_[observation.camera_idx],
-                              params[observation.camera_idx],
-                              observation.xy,
-                              free_idxs_[observation.camera_idx],
-                              xyz,
-                              &(*linearizations)[i - point.begin])) {
-      return false;
-    }
-  }
-  return true;
-}
-
-void Solver::BuildPointSystem(const FlatPoint& point,
-                              const std::vector<Linearization>& linearizations,
-                              Curvature curvature,
-                              double damping,
-                              PointSystem* system) const {
-  system->weights.resize(linearizations.size());
-  system->weighted_residuals.resize(linearizations.size());
-  Eigen::Matrix3d hessian;
-  for (const Curvature tried_curvature :
-       {Curvature::kNewton, Curvature::kClamped, Curvature::kReweighted}) {
-    if (tried_curvature < curvature) continue;
-    hessian.setZero();
-    system->gradient.setZero();
-    for (size_t i = 0; i < linearizations.size(); ++i) {
-      const Eigen::Vector2d& residual = linearizations[i].residual;
-      double rho[3];
-      options_.loss->Evaluate(residual.squaredNorm(), rho);
-      system->weights[i] =
-          point.weight * RobustHessian(residual, rho, tried_curvature);
-      system->weighted_residuals[i] = point.weight * rho[1] * residual;
-      const Matrix2x3& jacobian = linearizations[i].jacobian_point;
-      hessian += jacobian.transpose() * system->weights[i] * jacobian;
-      system->gradient += jacobian.transpose() * system->weighted_residuals[i];
-    }
-    hessian.diagonal() *= 1.0 + damping;
-    system->factorization.compute(hessian);
-    if (system->factorization.info() == Eigen::Success) return;
-  }
-  // No information along some direction even with positive weights.
-  hessian.diagonal().array() += std::max(1e-12 * hessian.trace(), 1e-300);
-  system->factorization.compute(hessian);
-}
-
-double Solver::RefinePoint(const FlatPoint& point,
-                           const Params& params,
-                           Eigen::Vector3d* xyz) const {
-  constexpr int kMaxNumIterations = 20;
-  thread_local std::vector<Linearization> linearizations;
-  thread_local PointSystem system;
-  double cost = PointCost(point, params, *xyz);
-  double damping = 0.0;
-  bool moved = true;
-  for (int i = 0; i < kMaxNumIterations && std::isfinite(cost); ++i) {
-    if (moved) LinearizePoint(point, params, *xyz, &linearizations);
-    BuildPointSystem(
-        point, linearizations, Curvature::kNewton, damping, &system);
-    const Eigen::Vector3d step = system.factorization.solve(system.gradient);
-    const double expected_decrease = 0.5 * step.dot(system.gradient);
-    const Eigen::Vector3d new_xyz = *xyz - step;
-    const double new_cost = PointCost(point, params, new_xyz);
-    moved = new_cost < cost;
-    if (moved) {
-      *xyz = new_xyz;
-      cost = new_cost;
-      damping *= 0.1;
-    } else {
-      damping = std::max(10.0 * damping, 1e-3);
-    }
-    if (!(expected_decrease > 1e-12 * cost)) break;
-  }
-  return cost;
-}
-
-void Solver::EliminatePoint(size_t point_idx,
+void Solver::EliminateTrack(size_t track_idx,
                             Curvature curvature,
                             NormalEquations* equations) {
-  const FlatPoint& point = points_[point_idx];
-  const size_t track_length = point.end - point.begin;
   thread_local std::vector<Linearization> linearizations;
-  thread_local std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>
-      blocks;
-  linearizations.resize(track_length);
-  blocks.resize(track_length);
-  LinearizePoint(point, current_params_, *point.xyz, &linearizations);
+  thread_local TrackSystem system;
+  thread_local ParamsBlocks blocks;
+  const Track& track = tracks_[track_idx];
+  const TrackSolver& track_solver = *track_solver_;
+  track_solver.Linearize(track, states_, *track.xyz, &linearizations);
+  track_solver.BuildSystem(track, linearizations, curvature, 0.0, &system);
 
-  thread_local PointSystem system;
-  BuildPointSystem(point, linearizations, curvature, 0.0, &system);
-  const auto& weights = system.weights;
-  const auto& weighted_residuals = system.weighted_residuals;
-
-  point_steps_[point_idx] = system.factorization.solve(system.gradient);
-  for (size_t i = 0; i < track_length; ++i) {
-    blocks[i] = linearizations[i].jacobian_params.transpose() * weights[i] *
-                linearizations[i].jacobian_point;
-    back_blocks_[point.begin + i] =
-        system.factorization.solve(blocks[i].transpose()).transpose();
+  point_steps_[track_idx] = system.hessian.solve(system.gradient);
+  ParamsBlock* back_blocks = &back_blocks_[static_cast<size_t>(
+      track.observations - observations_.data())];
+  blocks.resize(track.length);
+  for (size_t i = 0; i < track.length; ++i) {
+    blocks[i] = linearizations[i].jacobian_params.transpose() *
+                system.weights[i] * linearizations[i].jacobian_point;
+    back_blocks[i] = system.hessian.solve(blocks[i].transpose()).transpose();
   }
-  for (size_t i = 0; i < track_length; ++i) {
-    const size_t camera_i = observations_[point.begin + i].camera_idx;
-    const Eigen::Index offset_i = offsets_[camera_i];
-    const Jacobian& jacobian = linearizations[i].jacobian_params;
-    const Eigen::Index size_i = jacobian.cols();
-    if (size_i == 0) continue;
-    equations->hessian.block(offset_i, offset_i, size_i, size_i) +=
-        jacobian.transpose() * weights[i] * jacobian;
-    equations->gradient.segment(offset_i, size_i) +=
-        jacobian.transpose() * weighted_residuals[i] -
-        blocks[i] * point_steps_[point_idx];
-    for (size_t j = 0; j < track_length; ++j) {
-      const Eigen::Index offset_j =
-          offsets_[observations_[point.begin + j].camera_idx];
-      const Eigen::Index size_j = linearizations[j].jacobian_params.cols();
-      if (offset_j > offset_i || size_j == 0) continue;
-      equations->hessian.block(offset_i, offset_j, size_i, size_j) -=
-          back_blocks_[point.begin + i] * blocks[j].transpose();
-    }
-  }
-  if (equations->gradient_outer.size() == 0) return;
-  for (size_t i = 0; i < track_length; ++i) {
-    const Eigen::Index offset_i =
-        offsets_[observations_[point.begin + i].camera_idx];
-    const Eigen::VectorXd gradient_i =
-        linearizations[i].jacobian_params.transpose() * weighted_residuals[i];
-    for (size_t j = 0; j < track_length; ++j) {
-      const Eigen::Index offset_j =
-          offsets_[observations_[point.begin + j].camera_idx];
-      const Eigen::VectorXd gradient_j =
-          linearizations[j].jacobian_params.transpose() * weighted_residuals[j];
-      equations->gradient_outer.block(
-          offset_i, offset_j, gradient_i.size(), gradient_j.size()) +=
-          gradient_i * gradient_j.transpose();
+  for (size_t i = 0; i < track.length; ++i) {
+    const auto& jacobian = linearizations[i].jacobian_params;
+    const Eigen::Index offset = offsets_[track.observations[i].camera_idx];
+    const Eigen::Index size = jacobian.cols();
+    if (size == 0) continue;
+    const Eigen::VectorXd gradient =
+        jacobian.transpose() * system.weighted_residuals[i];
+    equations->hessian.block(offset, offset, size, size) +=
+        jacobian.transpose() * system.weights[i] * jacobian;
+    equations->gradient.segment(offset, size) +=
+        gradient - blocks[i] * point_steps_[track_idx];
+    for (size_t j = 0; j < track.length; ++j) {
+      const auto& other_jacobian = linearizations[j].jacobian_params;
+      const Eigen::Index other_offset =
+          offsets_[track.observations[j].camera_idx];
+      const Eigen::Index other_size = other_jacobian.cols();
+      if (other_offset > offset || other_size == 0) continue;
+      equations->hessian.block(offset, other_offset, size, other_size) -=
+          back_blocks[i] * blocks[j].transpose();
+      if (equations->gradient_outer.size() > 0) {
+        equations->gradient_outer.block(
+            offset, other_offset, size, other_size) +=
+            gradient *
+            (system.weighted_residuals[j].transpose() * other_jacobian);
+      }
     }
   }
 }
@@ -536,19 +340,93 @@ NormalEquations Solver::BuildNormalEquations(Curvature curvature,
                                              bool with_outer) {
   std::vector<NormalEquations> chunks(num_chunks_);
   ParallelForChunks([&](size_t chunk, size_t begin, size_t end) {
-    chunks[chunk].SetZero(num_free_, with_outer);
+    chunks[chunk].SetZero(num_params_, with_outer);
     for (size_t i = begin; i < end; ++i) {
-      EliminatePoint(i, curvature, &chunks[chunk]);
+      EliminateTrack(i, curvature, &chunks[chunk]);
     }
   });
   NormalEquations sum;
-  sum.SetZero(num_free_, with_outer);
+  sum.SetZero(num_params_, with_outer);
   for (const NormalEquations& chunk : chunks) {
     sum.hessian += chunk.hessian;
     sum.gradient += chunk.gradient;
     if (with_outer) sum.gradient_outer += chunk.gradient_outer;
   }
+  AddPriors(with_outer, &sum);
   return sum;
+}
+
+Eigen::VectorXd Solver::PriorResiduals(const States& states) const {
+  Eigen::VectorXd residuals = Eigen::VectorXd::Zero(num_params_);
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    const Param& param = params_[i];
+    if (param.prior_std == 0.0) continue;
+    const RigCamera& camera = scene_->cameras[param.camera_idx];
+    const CameraState& state = states[param.camera_idx];
+    double difference = 0.0;
+    if (param.type == Param::kRotation) {
+      const Eigen::Matrix3d known =
+          camera.known_cam_from_world.rotation.toRotationMatrix();
+      difference = LogRotation(state.rotation * known.transpose())(param.idx);
+    } else if (param.type == Param::kCenter) {
+      const Eigen::Vector3d center =
+          -state.rotation.transpose() * state.translation;
+      difference = (center - camera.known_cam_from_world.Center())(param.idx);
+    } else {
+      difference = state.params[param.idx] - camera.prior_params[param.idx];
+    }
+    residuals(i) = difference / param.prior_std;
+  }
+  return residuals;
+}
+
+double Solver::PriorCost(const States& states) const {
+  return 0.5 * options_.prior_weight * PriorResiduals(states).squaredNorm();
+}
+
+void Solver::AddPriors(bool with_outer, NormalEquations* equations) const {
+  const Eigen::VectorXd residuals = PriorResiduals(states_);
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    const double std = params_[i].prior_std;
+    if (std == 0.0) continue;
+    const double information = options_.prior_weight / (std * std);
+    equations->hessian(i, i) += information;
+    equations->gradient(i) += options_.prior_weight * residuals(i) / std;
+    if (with_outer) {
+      equations->gradient_outer(i, i) += options_.prior_weight * information;
+    }
+  }
+  if (held_directions_.cols() == 0) return;
+  Eigen::MatrixXd directions = held_directions_;
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    directions.row(i) *= params_[i].pixels;
+  }
+  equations->hessian +=
+      holding_information_ * directions * directions.transpose();
+}
+
+void Solver::FindHeldDirections() {
+  Eigen::MatrixXd information =
+      BuildNormalEquations(Curvature::kReweighted, false)
+          .hessian.selfadjointView<Eigen::Lower>();
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    information.row(i) /= params_[i].pixels;
+    information.col(i) /= params_[i].pixels;
+  }
+  const double min_information =
+      options_.min_information * options_.prior_weight;
+  const Eigen::MatrixXd rest =
+      information -
+      min_information * Eigen::MatrixXd::Identity(num_params_, num_params_);
+  if (Eigen::LLT<Eigen::MatrixXd>(rest).info() == Eigen::Success) return;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(information);
+  Eigen::Index num_held = 0;
+  while (num_held < num_params_ &&
+         eigen.eigenvalues()(num_held) < min_information) {
+    ++num_held;
+  }
+  held_directions_ = eigen.eigenvectors().leftCols(num_held);
+  holding_information_ = kHoldingFactor * information.diagonal().maxCoeff();
 }
 
 bool Solver::ComputeStep(const NormalEquations& equations,
@@ -561,7 +439,7 @@ bool Solver::ComputeStep(const NormalEquations& equations,
     return false;
   }
   const Eigen::VectorXd scale =
-      diagonal.cwiseMax(1e-14 * max_diagonal).cwiseSqrt().cwiseInverse();
+      diagonal.cwiseMax(1e-28 * max_diagonal).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled =
       scale.asDiagonal() *
       equations.hessian.selfadjointView<Eigen::Lower>().toDenseMatrix() *
@@ -576,77 +454,93 @@ bool Solver::ComputeStep(const NormalEquations& equations,
   return step->allFinite();
 }
 
-Solver::Params Solver::AddStep(const Eigen::VectorXd& step) const {
-  Params params;
-  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    params.push_back(scene_->cameras[i].params);
-    for (size_t j = 0; j < free_idxs_[i].size(); ++j) {
-      params[i][free_idxs_[i][j]] += step(offsets_[i] + j);
+Solver::States Solver::AddStep(const Eigen::VectorXd& step) const {
+  States states = states_;
+  for (size_t i = 0; i < states.size(); ++i) {
+    CameraState& state = states[i];
+    Eigen::Index k = offsets_[i];
+    for (const size_t idx : free_params_[i].intrinsics_idxs) {
+      state.params[idx] += step(k++);
+    }
+    if (free_params_[i].pose) {
+      const Eigen::Vector3d center =
+          -state.rotation.transpose() * state.translation +
+          step.segment<3>(k + 3);
+      state.rotation = ExpRotation(step.segment<3>(k)) * state.rotation;
+      state.translation = -state.rotation * center;
     }
   }
-  return params;
+  return states;
 }
 
 double Solver::TryStep(const Eigen::VectorXd& step,
-                       const Params& new_params,
-                       std::vector<Eigen::Vector3d>* new_xyz) const {
-  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    if (free_idxs_[i].empty()) continue;
-    for (const size_t idx : scene_->cameras[i].model->FocalLengthIdxs()) {
-      if (!(new_params[i][idx] > 0.0)) {
-        return std::numeric_limits<double>::infinity();
-      }
+                       const States& new_states,
+                       Points* new_points) const {
+  for (const Param& param : params_) {
+    if (param.type == Param::kFocalLength &&
+        !(new_states[param.camera_idx].params[param.idx] > 0.0)) {
+      return std::numeric_limits<double>::infinity();
     }
   }
+  const TrackSolver& track_solver = *track_solver_;
   std::vector<double> costs(num_chunks_, 0.0);
   ParallelForChunks([&](size_t chunk, size_t begin, size_t end) {
     for (size_t i = begin; i < end; ++i) {
-      const FlatPoint& point = points_[i];
-      Eigen::Vector3d& xyz = (*new_xyz)[i];
-      xyz = *point.xyz - point_steps_[i];
-      for (size_t k = point.begin; k < point.end; ++k) {
-        const size_t camera_idx = observations_[k].camera_idx;
-        xyz -=
-            back_blocks_[k].transpose() *
-            step.segment(offsets_[camera_idx], free_idxs_[camera_idx].size());
+      const Track& track = tracks_[i];
+      const size_t first =
+          static_cast<size_t>(track.observations - observations_.data());
+      Eigen::Vector3d& xyz = (*new_points)[i];
+      xyz = *track.xyz - point_steps_[i];
+      for (size_t k = 0; k < track.length; ++k) {
+        const size_t camera_idx = track.observations[k].camera_idx;
+        const ParamsBlock& block = back_blocks_[first + k];
+        xyz -= block.transpose() *
+               step.segment(offsets_[camera_idx], block.rows());
       }
-      if (!(PointCost(point, new_params, xyz) <=
-            PointCost(point, new_params, *point.xyz))) {
-        xyz = *point.xyz;
+      if (!(track_solver.Cost(track, new_states, xyz) <=
+            track_solver.Cost(track, new_states, *track.xyz))) {
+        xyz = *track.xyz;
       }
-      costs[chunk] += RefinePoint(point, new_params, &xyz);
+      costs[chunk] += track_solver.Minimize(track, new_states, &xyz);
     }
   });
-  double cost = 0.0;
+  double cost = PriorCost(new_states);
   for (const double chunk_cost : costs) cost += chunk_cost;
   return std::isnan(cost) ? std::numeric_limits<double>::infinity() : cost;
+}
+
+void Solver::SetPoints(const Points& points) {
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    *tracks_[i].xyz = points[i];
+  }
+}
+
+void Solver::SetCameras() {
+  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
+    RigCamera& camera = scene_->cameras[i];
+    camera.params = states_[i].params;
+    if (free_params_[i].pose) {
+      camera.cam_from_world.rotation = Eigen::Quaterniond(states_[i].rotation);
+      camera.cam_from_world.translation = states_[i].translation;
+    }
+  }
 }
 
 bool Solver::IsSmall(const Eigen::VectorXd& step, double* focal_change) const {
   double max_change = 0.0;
   *focal_change = 0.0;
-  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    const std::vector<size_t>& focal_idxs =
-        scene_->cameras[i].model == nullptr
-            ? std::vector<size_t>()
-            : scene_->cameras[i].model->FocalLengthIdxs();
-    for (size_t j = 0; j < free_idxs_[i].size(); ++j) {
-      const Eigen::Index k = offsets_[i] + static_cast<Eigen::Index>(j);
-      if (std::count(focal_idxs.begin(), focal_idxs.end(), free_idxs_[i][j])) {
-        *focal_change = std::max(
-            *focal_change,
-            std::abs(step(k)) / scene_->cameras[i].params[free_idxs_[i][j]]);
-      }
-      max_change = std::max(max_change,
-                            std::abs(step(k)) *
-                                std::min(pixel_scales_[k], focal_lengths_[k]) /
-                                focal_lengths_[k]);
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    const Param& param = params_[i];
+    const double change = std::abs(step(i)) * param.pixels / param.focal_length;
+    max_change = std::max(max_change, change);
+    if (param.type == Param::kFocalLength) {
+      *focal_change = std::max(*focal_change, change);
     }
   }
-  return std::max(max_change, *focal_change) < options_.parameter_tolerance;
+  return max_change < options_.parameter_tolerance;
 }
 
-void Solver::ComputeCovariance(FixedExtrinsicsSummary* summary) {
+Eigen::MatrixXd Solver::Covariance() {
   NormalEquations equations = BuildNormalEquations(Curvature::kNewton, true);
   const Eigen::VectorXd scale =
       equations.hessian.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
@@ -660,44 +554,55 @@ void Solver::ComputeCovariance(FixedExtrinsicsSummary* summary) {
     equations = BuildNormalEquations(Curvature::kReweighted, true);
     factorization.compute(scaled_hessian());
   }
+  Eigen::MatrixXd free_covariance(num_params_, num_params_);
   if (factorization.info() != Eigen::Success) {
-    summary->covariance.setConstant(
-        num_free_, num_free_, std::numeric_limits<double>::quiet_NaN());
+    free_covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
   } else {
-    const Eigen::MatrixXd half = factorization.solve(
-        scale.asDiagonal() * equations.gradient_outer * scale.asDiagonal());
-    summary->covariance = scale.asDiagonal() *
-                          factorization.solve(half.transpose()) *
-                          scale.asDiagonal();
+    const Eigen::MatrixXd outer =
+        equations.gradient_outer.selfadjointView<Eigen::Lower>();
+    const Eigen::MatrixXd half =
+        factorization.solve(scale.asDiagonal() * outer * scale.asDiagonal());
+    free_covariance = scale.asDiagonal() *
+                      factorization.solve(half.transpose()) *
+                      scale.asDiagonal();
   }
 
-  // From free parameters to all parameters.
-  std::vector<Eigen::Index> free_idxs;
-  Eigen::Index num_params = 0;
-  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    for (const size_t idx : free_idxs_[i]) {
-      free_idxs.push_back(num_params + static_cast<Eigen::Index>(idx));
-    }
-    num_params += static_cast<Eigen::Index>(scene_->cameras[i].params.size());
+  // From free intrinsics to all intrinsics.
+  std::vector<Eigen::Index> camera_begins;
+  Eigen::Index num_intrinsics = 0;
+  for (const RigCamera& camera : scene_->cameras) {
+    camera_begins.push_back(num_intrinsics);
+    num_intrinsics += static_cast<Eigen::Index>(camera.params.size());
   }
-  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(num_params, num_params);
-  for (Eigen::Index i = 0; i < num_free_; ++i) {
-    for (Eigen::Index j = 0; j < num_free_; ++j) {
-      covariance(free_idxs[i], free_idxs[j]) = summary->covariance(i, j);
+  std::vector<Eigen::Index> targets;
+  for (const Param& param : params_) {
+    const bool is_pose =
+        param.type == Param::kRotation || param.type == Param::kCenter;
+    targets.push_back(is_pose ? -1
+                              : camera_begins[param.camera_idx] +
+                                    static_cast<Eigen::Index>(param.idx));
+  }
+  Eigen::MatrixXd covariance =
+      Eigen::MatrixXd::Zero(num_intrinsics, num_intrinsics);
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    for (Eigen::Index j = 0; j < num_params_; ++j) {
+      if (targets[i] < 0 || targets[j] < 0) continue;
+      covariance(targets[i], targets[j]) = free_covariance(i, j);
     }
   }
-  summary->covariance = std::move(covariance);
+  return covariance;
 }
 
 FixedExtrinsicsSummary Solver::Solve() {
   FixedExtrinsicsSummary summary;
-  std::vector<Eigen::Vector3d> new_xyz(points_.size());
+  Points new_points(tracks_.size());
   // A step of zero: the points move to their minima.
+  std::fill(point_steps_.begin(), point_steps_.end(), Eigen::Vector3d::Zero());
   double cost =
-      TryStep(Eigen::VectorXd::Zero(num_free_), current_params_, &new_xyz);
-  SetPoints(new_xyz);
+      TryStep(Eigen::VectorXd::Zero(num_params_), states_, &new_points);
+  SetPoints(new_points);
   summary.initial_cost = cost;
-  summary.converged = num_free_ == 0;
+  summary.converged = num_params_ == 0;
   double damping = kInitialDamping;
   Curvature curvature = Curvature::kNewton;
   bool tried_undamped = false;
@@ -711,23 +616,20 @@ FixedExtrinsicsSummary Solver::Solve() {
       // system indefinite; less of it cannot.
       if (curvature == Curvature::kNewton) {
         curvature = Curvature::kClamped;
-      } else if ((damping *= 10.0) > kMaxDamping) {
-        break;
+      } else {
+        damping = std::max(10.0 * damping, kInitialDamping);
+        if (damping > kMaxDamping) break;
       }
       continue;
     }
-    const Params new_params = AddStep(step);
-    const double new_cost = TryStep(step, new_params, &new_xyz);
+    const States new_states = AddStep(step);
+    const double new_cost = TryStep(step, new_states, &new_points);
     const bool small_step = IsSmall(step, &summary.last_focal_change);
     // Rounding limits what the cost can resolve.
-    const bool accepted = new_cost <= cost * (1.0 + 1e-13);
-    if (accepted) {
+    if (new_cost <= cost * (1.0 + 1e-13)) {
       summary.converged = small_step && damping < kMinDamping;
-      current_params_ = new_params;
-      for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-        scene_->cameras[i].params = new_params[i];
-      }
-      SetPoints(new_xyz);
+      states_ = new_states;
+      SetPoints(new_points);
       cost = new_cost;
       damping *= 0.03;
       curvature = Curvature::kNewton;
@@ -746,10 +648,16 @@ FixedExtrinsicsSummary Solver::Solve() {
       if (damping > kMaxDamping) break;
     }
   }
+  SetCameras();
   summary.final_cost = cost;
-  if (options_.compute_covariance) {
-    ComputeCovariance(&summary);
+  summary.held_cameras.assign(scene_->cameras.size(), false);
+  for (Eigen::Index i = 0; i < num_params_; ++i) {
+    if (held_directions_.cols() > 0 &&
+        held_directions_.row(i).squaredNorm() > 0.1) {
+      summary.held_cameras[params_[i].camera_idx] = true;
+    }
   }
+  if (options_.compute_covariance) summary.covariance = Covariance();
   return summary;
 }
 
@@ -758,110 +666,6 @@ FixedExtrinsicsSummary Solver::Solve() {
 FixedExtrinsicsSummary SolveFixedExtrinsics(
     const FixedExtrinsicsOptions& options, Scene* scene) {
   return Solver(options, scene).Solve();
-}
-
-std::vector<double> SquaredResiduals(const Scene& scene) {
-  const std::vector<Eigen::Matrix3d> rotations = Rotations(scene);
-  std::vector<double> squared_residuals;
-  for (const Frame& frame : scene.frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
-      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
-           ++k) {
-        const Observation& observation = frame.observations[k];
-        const size_t camera_idx =
-            frame.images[observation.image_idx].camera_idx;
-        const RigCamera& camera = scene.cameras[camera_idx];
-        Eigen::Vector2d xy;
-        squared_residuals.push_back(
-            ProjectPoint(camera,
-                         rotations[camera_idx],
-                         camera.params,
-                         frame.points[i],
-                         &xy)
-                ? (xy - observation.xy).squaredNorm()
-                : std::numeric_limits<double>::infinity());
-      }
-    }
-  }
-  return squared_residuals;
-}
-
-std::vector<NoiseSample> NoiseSamples(const Scene& scene,
-                                      const ceres::LossFunction* loss) {
-  constexpr double kMinWeight = 0.05;
-  const std::vector<Eigen::Matrix3d> rotations = Rotations(scene);
-  double rho_at_zero[3] = {0.0, 1.0, 0.0};
-  if (loss != nullptr) loss->Evaluate(0.0, rho_at_zero);
-  std::vector<NoiseSample> samples;
-  std::vector<Linearization> linearizations;
-  std::vector<double> weights;
-  for (const Frame& frame : scene.frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
-      linearizations.clear();
-      weights.clear();
-      Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
-      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
-           ++k) {
-        const Observation& observation = frame.observations[k];
-        const size_t camera_idx =
-            frame.images[observation.image_idx].camera_idx;
-        Linearization linearization;
-        if (!LinearizeObservation(scene.cameras[camera_idx],
-                                  rotations[camera_idx],
-                                  scene.cameras[camera_idx].params,
-                                  observation.xy,
-                                  {},
-                                  frame.points[i],
-                                  &linearization)) {
-          continue;
-        }
-        double rho[3] = {0.0, 1.0, 0.0};
-        if (loss != nullptr) {
-          loss->Evaluate(linearization.residual.squaredNorm(), rho);
-        }
-        weights.push_back(rho[1] / rho_at_zero[1]);
-        linearizations.push_back(linearization);
-        const Matrix2x3& jacobian = linearization.jacobian_point;
-        information += weights.back() * jacobian.transpose() * jacobian;
-      }
-      if (linearizations.size() < 2) continue;
-      const Eigen::LDLT<Eigen::Matrix3d> factorization(information);
-      for (size_t k = 0; k < linearizations.size(); ++k) {
-        const Matrix2x3& jacobian = linearizations[k].jacobian_point;
-        const Eigen::Matrix2d covariance =
-            Eigen::Matrix2d::Identity() -
-            weights[k] * jacobian * factorization.solve(jacobian.transpose());
-        Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;
-        eigen.computeDirect(covariance);
-        for (int e = 0; e < 2; ++e) {
-          const double weight = std::min(eigen.eigenvalues()(e), 1.0);
-          if (!(weight > kMinWeight)) continue;
-          const double residual =
-              eigen.eigenvectors().col(e).dot(linearizations[k].residual);
-          samples.push_back({residual * residual / weight, weight});
-        }
-      }
-    }
-  }
-  return samples;
-}
-
-double RobustStd(std::vector<NoiseSample> samples) {
-  std::sort(samples.begin(),
-            samples.end(),
-            [](const NoiseSample& a, const NoiseSample& b) {
-              return a.squared < b.squared;
-            });
-  double total = 0.0;
-  for (const NoiseSample& sample : samples) total += sample.weight;
-  double sum = 0.0;
-  for (const NoiseSample& sample : samples) {
-    sum += sample.weight;
-    if (sum >= 0.5 * total) {
-      return std::sqrt(sample.squared / kMedianOfSquare);
-    }
-  }
-  return 0.0;
 }
 
 }  // namespace mfir

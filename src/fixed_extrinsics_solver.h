@@ -1,13 +1,15 @@
-// Bundle adjustment of shared intrinsics and points with all extrinsics fixed:
-// the last solve of every run.
+// Bundle adjustment of what all frames share (the intrinsics) and of all
+// points, with the extrinsics known: the last solve of every run.
 
 #pragma once
 
-#include <ceres/loss_function.h>
-
-#include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
+#include <ceres/loss_function.h>
+#include <Eigen/Core>
+
+#include "noise_samples.h"
 #include "scene.h"
 
 namespace mfir {
@@ -16,12 +18,32 @@ struct FixedExtrinsicsOptions {
   bool refine_focal_length = true;
   bool refine_principal_point = true;
   bool refine_extra_params = true;
+  // By camera: hold its intrinsics. Empty: none.
+  std::vector<bool> constant_cameras;
 
-  // Robust loss of |r|, r in pixels. Must outlive the solve.
+  // Robust loss of |r|, r in pixels over camera_noise. Must outlive the solve.
   const ceres::LossFunction* loss = nullptr;
-
   // Weight of each frame's observations; empty: 1.
   std::vector<double> frame_weights;
+  // Noise of each camera relative to the others; empty: 1.
+  std::vector<double> camera_noise;
+
+  // Priors with these standard deviations, none where 0: rotation (rad per
+  // axis) and camera centre (world units per axis) around known_cam_from_world,
+  // which are corrected only then, and focal lengths and principal points (px)
+  // around prior_params.
+  double rotation_std = 0.0;
+  double center_std = 0.0;
+  double focal_std = 0.0;
+  double principal_point_std = 0.0;
+  // What a squared residual of one standard deviation weighs in the priors:
+  // 1 where cost is a negative log-likelihood.
+  double prior_weight = 1.0;
+
+  // Combinations of intrinsics (in pixels, distortion by what it moves the
+  // image corner) about which the normal equations hold less information than
+  // this (1/px^2) stay where they are. 0: none.
+  double min_information = 0.0;
 
   int max_num_iterations = 100;
 
@@ -43,55 +65,31 @@ struct FixedExtrinsicsSummary {
   bool converged = false;
   // Largest change of a focal length in the last step, relative.
   double last_focal_change = 0.0;
-  // Covariance of the refined parameters, stacked by camera; held parameters
-  // have zero rows, undetermined ones NaN. It is the sandwich H^-1 G H^-1 with
-  // H the reduced Hessian and G the sum over tracks of the outer products of
-  // their gradients: honest whatever the noise is, as long as tracks are
-  // independent.
+  // Covariance of the intrinsics, stacked by camera; held parameters have zero
+  // rows, all are NaN if the normal equations are singular. It is the sandwich
+  // H^-1 G H^-1 with H the reduced Hessian and G the sum over tracks of the
+  // outer products of their gradients: honest whatever the noise is, as long as
+  // tracks are independent.
   Eigen::MatrixXd covariance;
+  // By camera: whether its intrinsics take part in a combination that
+  // min_information holds.
+  std::vector<bool> held_cameras;
 };
 
 // Minimizes, over the intrinsics of scene->cameras and all points,
 //
-//   sum_frames weight_f sum_obs 1/2 rho(|Project(params_c, R_c X + t_c) -
-//   xy|^2)
+//   sum_frames weight_f sum_obs
+//       1/2 rho(|Project(params_c, R_c X + t_c) - xy|^2 / noise_c^2)
+//   + prior_weight sum_priors 1/2 ((parameter - known) / std)^2
 //
-// with R_c, t_c the known extrinsics (poses of the frames' images are not
-// used). Newton steps with the second derivative of the loss, points eliminated
-// one by one: time and memory grow linearly with the number of points, only the
-// reduced system of the intrinsics is dense. Observations behind their camera
-// at the start of the solve take no part in it. The result is the same for
-// every number of threads.
+// with R_c, t_c the extrinsics of the rig (poses of the frames' images are not
+// used), exactly known or corrected under a prior. Newton steps with the second
+// derivative of the loss, points eliminated one by one and moved to their
+// minima after each step: time and memory grow linearly with the number of
+// points, only the reduced system of the cameras is dense. Observations behind
+// their camera at the start of the solve take no part in it. The result is the
+// same for every number of threads.
 FixedExtrinsicsSummary SolveFixedExtrinsics(
     const FixedExtrinsicsOptions& options, Scene* scene);
-
-// Squared residual norm (px^2) of every observation under the known extrinsics
-// and the intrinsics of the rig, in order of frames and observations; infinite
-// for points behind the camera.
-std::vector<double> SquaredResiduals(const Scene& scene);
-
-// One coordinate of a residual as a sample of the noise.
-struct NoiseSample {
-  double squared;  // px^2, corrected for the fit of the point
-  double weight;   // degrees of freedom, 0 to 1
-};
-
-// Samples of the noise from the residuals of all observations. A residual is
-// smaller than the noise because the point was fitted to it, all the more where
-// few observations carry a track (of the four coordinates of two views only one
-// is left). Its covariance is, in units of the noise,
-//
-//   C_i = I - w_i J_i V^-1 J_i^T,   V = sum_k w_k J_k^T J_k,
-//
-// with J the Jacobian of the point and w = rho'(s) / rho'(0) the weights of the
-// robust fit (1 without a loss). Each eigenvector e of C_i with eigenvalue l
-// gives the sample (e . r_i)^2 / l with weight l; directions that the fit has
-// made zero do not count.
-std::vector<NoiseSample> NoiseSamples(const Scene& scene,
-                                      const ceres::LossFunction* loss);
-
-// Standard deviation (px per axis) of Gaussian noise with the same weighted
-// median of squares. Zero without samples.
-double RobustStd(std::vector<NoiseSample> samples);
 
 }  // namespace mfir

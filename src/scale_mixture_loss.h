@@ -4,7 +4,7 @@
 
 #include <ceres/loss_function.h>
 
-#include "fixed_extrinsics_solver.h"
+#include "noise_samples.h"
 
 #include <vector>
 

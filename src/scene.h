@@ -40,12 +40,17 @@ struct Similarity3 {
 // A physical camera: bolted in place, one set of intrinsics for all frames.
 struct RigCamera {
   std::string name;
-  Rigid3 cam_from_world;  // known; world = the rig's coordinates
+  // World = the rig's coordinates. Known, or corrected where the extrinsics are
+  // known with a standard deviation only.
+  Rigid3 cam_from_world;
+  Rigid3 known_cam_from_world;
   // Lens; null while no image of the camera has been seen.
   const CameraModel* model = nullptr;
   size_t width = 0;
   size_t height = 0;
   std::vector<double> params;
+  // What priors on the intrinsics pull to.
+  std::vector<double> prior_params;
 };
 
 // One image of a frame.

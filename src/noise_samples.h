@@ -1,0 +1,45 @@
+// Residuals under the known extrinsics, and what they tell about the noise.
+
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include <ceres/loss_function.h>
+
+#include "scene.h"
+
+namespace mfir {
+
+// Squared residual norm (px^2) of every observation under the extrinsics and
+// intrinsics of the rig's cameras, in order of frames and observations;
+// infinite for points behind the camera.
+std::vector<double> SquaredResiduals(const Scene& scene, int num_threads = -1);
+
+// One coordinate of a residual as a sample of the noise.
+struct NoiseSample {
+  double squared;  // px^2, corrected for the fit of the point
+  double weight;   // degrees of freedom, 0 to 1
+  size_t camera_idx = 0;
+};
+
+// Samples of the noise from the residuals of all observations. A residual is
+// smaller than the noise because the point was fitted to it, all the more where
+// few observations carry a track (of the four coordinates of two views only one
+// is left). Its covariance is, in units of the noise,
+//
+//   C_i = I - w_i J_i V^-1 J_i^T,   V = sum_k w_k J_k^T J_k,
+//
+// with J the Jacobian of the point and w = rho'(s) / rho'(0) the weights of the
+// robust fit (1 without a loss). Each eigenvector e of C_i with eigenvalue l
+// gives the sample (e . r_i)^2 / l with weight l; directions that the fit has
+// made zero do not count.
+std::vector<NoiseSample> NoiseSamples(const Scene& scene,
+                                      const ceres::LossFunction* loss,
+                                      int num_threads = -1);
+
+// Standard deviation (px per axis) of Gaussian noise with the same weighted
+// median of squares. Zero without samples.
+double RobustStd(std::vector<NoiseSample> samples);
+
+}  // namespace mfir

@@ -1,0 +1,147 @@
+#include "track_solver.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace mfir {
+
+Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
+                              const double rho[3],
+                              Curvature curvature) {
+  constexpr double kMinShare = 0.05;
+  Eigen::Matrix2d hessian = rho[1] * Eigen::Matrix2d::Identity();
+  const double squared_norm = residual.squaredNorm();
+  if (curvature == Curvature::kReweighted || !(squared_norm > 0.0)) {
+    return hessian;
+  }
+  double second = 2.0 * rho[2];
+  if (curvature == Curvature::kClamped) {
+    second = std::max(second, (kMinShare - 1.0) * rho[1] / squared_norm);
+  }
+  return hessian + second * residual * residual.transpose();
+}
+
+TrackSolver::TrackSolver(const ceres::LossFunction* loss,
+                         const Scene* scene,
+                         std::vector<FreeParams> free_params,
+                         std::vector<double> camera_noise)
+    : loss_(loss),
+      scene_(scene),
+      free_params_(std::move(free_params)),
+      inverse_noise_(std::move(camera_noise)) {
+  inverse_noise_.resize(scene->cameras.size(), 1.0);
+  for (double& noise : inverse_noise_) noise = 1.0 / noise;
+}
+
+double TrackSolver::Cost(const Track& track,
+                         const std::vector<CameraState>& states,
+                         const Eigen::Vector3d& xyz) const {
+  double cost = 0.0;
+  for (size_t i = 0; i < track.length; ++i) {
+    const Track::Observation& observation = track.observations[i];
+    const size_t camera_idx = observation.camera_idx;
+    Eigen::Vector2d xy;
+    if (!ProjectPoint(
+            *scene_->cameras[camera_idx].model, states[camera_idx], xyz, &xy)) {
+      return std::numeric_limits<double>::infinity();
+    }
+    const double inverse_noise = inverse_noise_[camera_idx];
+    double rho[3];
+    loss_->Evaluate(
+        inverse_noise * inverse_noise * (xy - observation.xy).squaredNorm(),
+        rho);
+    cost += 0.5 * rho[0];
+  }
+  return track.weight * cost;
+}
+
+bool TrackSolver::Linearize(const Track& track,
+                            const std::vector<CameraState>& states,
+                            const Eigen::Vector3d& xyz,
+                            std::vector<Linearization>* linearizations) const {
+  linearizations->resize(track.length);
+  for (size_t i = 0; i < track.length; ++i) {
+    const Track::Observation& observation = track.observations[i];
+    const size_t camera_idx = observation.camera_idx;
+    Linearization& linearization = (*linearizations)[i];
+    if (!LinearizeObservation(*scene_->cameras[camera_idx].model,
+                              states[camera_idx],
+                              free_params_[camera_idx],
+                              observation.xy,
+                              xyz,
+                              &linearization)) {
+      return false;
+    }
+    const double inverse_noise = inverse_noise_[camera_idx];
+    linearization.residual *= inverse_noise;
+    linearization.jacobian_point *= inverse_noise;
+    linearization.jacobian_params *= inverse_noise;
+  }
+  return true;
+}
+
+void TrackSolver::BuildSystem(const Track& track,
+                              const std::vector<Linearization>& linearizations,
+                              Curvature curvature,
+                              double damping,
+                              TrackSystem* system) const {
+  system->weights.resize(linearizations.size());
+  system->weighted_residuals.resize(linearizations.size());
+  Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
+  for (const Curvature tried_curvature :
+       {Curvature::kNewton, Curvature::kClamped, Curvature::kReweighted}) {
+    if (tried_curvature < curvature) continue;
+    hessian.setZero();
+    system->gradient.setZero();
+    for (size_t i = 0; i < linearizations.size(); ++i) {
+      const Eigen::Vector2d& residual = linearizations[i].residual;
+      double rho[3];
+      loss_->Evaluate(residual.squaredNorm(), rho);
+      system->weights[i] =
+          track.weight * RobustHessian(residual, rho, tried_curvature);
+      system->weighted_residuals[i] = track.weight * rho[1] * residual;
+      const Matrix2x3& jacobian = linearizations[i].jacobian_point;
+      hessian += jacobian.transpose() * system->weights[i] * jacobian;
+      system->gradient += jacobian.transpose() * system->weighted_residuals[i];
+    }
+    hessian.diagonal() *= 1.0 + damping;
+    system->hessian.compute(hessian);
+    if (system->hessian.info() == Eigen::Success) return;
+  }
+  // No information along some direction even with positive weights.
+  hessian.diagonal().array() += std::max(1e-12 * hessian.trace(), 1e-300);
+  system->hessian.compute(hessian);
+}
+
+double TrackSolver::Minimize(const Track& track,
+                             const std::vector<CameraState>& states,
+                             Eigen::Vector3d* xyz) const {
+  constexpr int kMaxNumIterations = 20;
+  thread_local std::vector<Linearization> linearizations;
+  thread_local TrackSystem system;
+  double cost = Cost(track, states, *xyz);
+  double damping = 0.0;
+  bool moved = true;
+  for (int i = 0; i < kMaxNumIterations && std::isfinite(cost); ++i) {
+    if (moved) Linearize(track, states, *xyz, &linearizations);
+    BuildSystem(track, linearizations, Curvature::kNewton, damping, &system);
+    const Eigen::Vector3d step = system.hessian.solve(system.gradient);
+    const double expected_decrease = 0.5 * step.dot(system.gradient);
+    const Eigen::Vector3d new_xyz = *xyz - step;
+    const double new_cost = Cost(track, states, new_xyz);
+    moved = new_cost < cost;
+    if (moved) {
+      *xyz = new_xyz;
+      cost = new_cost;
+      damping *= 0.1;
+    } else {
+      damping = std::max(10.0 * damping, 1e-3);
+    }
+    if (!(expected_decrease > 1e-12 * cost)) break;
+  }
+  return cost;
+}
+
+}  // namespace mfir

@@ -1,0 +1,92 @@
+// The points of a bundle adjustment: each one minimized on its own, given the
+// cameras.
+
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include <ceres/loss_function.h>
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include "linearization.h"
+#include "scene.h"
+
+namespace mfir {
+
+// A point with its observations, in units of the noise of their cameras.
+struct Track {
+  struct Observation {
+    size_t camera_idx;
+    Eigen::Vector2d xy;
+  };
+  Eigen::Vector3d* xyz = nullptr;
+  double weight = 1.0;
+  const Observation* observations = nullptr;
+  size_t length = 0;
+};
+
+// How much of the second derivative of the loss is used. From one to the next,
+// steps become shorter and the equations more often positive definite.
+enum class Curvature { kNewton, kClamped, kReweighted };
+
+// Hessian of 1/2 rho(|r|^2) with respect to r: rho' I + 2 rho'' r r^T. Along r
+// it is rho' + 2 rho'' s, negative for outliers. kClamped: not below a share of
+// rho'. kReweighted: rho' I (iterative reweighting, which never overshoots).
+Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
+                              const double rho[3],
+                              Curvature curvature);
+
+// Normal equations of a point.
+struct TrackSystem {
+  Eigen::Vector3d gradient;
+  Eigen::LLT<Eigen::Matrix3d> hessian;
+  // By observation: Hessian and gradient with respect to the residual.
+  std::vector<Eigen::Matrix2d> weights;
+  std::vector<Eigen::Vector2d> weighted_residuals;
+};
+
+// Cost of a track: weight * sum_i 1/2 rho(|r_i|^2 / noise_i^2), with noise_i
+// the relative noise of the camera.
+class TrackSolver {
+ public:
+  // `loss` and `scene` (its camera models) must outlive this. `camera_noise` by
+  // camera, empty: 1.
+  TrackSolver(const ceres::LossFunction* loss,
+              const Scene* scene,
+              std::vector<FreeParams> free_params,
+              std::vector<double> camera_noise);
+
+  // Infinite behind a camera.
+  double Cost(const Track& track,
+              const std::vector<CameraState>& states,
+              const Eigen::Vector3d& xyz) const;
+
+  // Residuals and Jacobians in units of the noise. False behind a camera.
+  bool Linearize(const Track& track,
+                 const std::vector<CameraState>& states,
+                 const Eigen::Vector3d& xyz,
+                 std::vector<Linearization>* linearizations) const;
+
+  // Uses less curvature than asked for where the system is not positive
+  // definite. `damping` is relative to the diagonal.
+  void BuildSystem(const Track& track,
+                   const std::vector<Linearization>& linearizations,
+                   Curvature curvature,
+                   double damping,
+                   TrackSystem* system) const;
+
+  // Moves `xyz` to the minimum of the track's cost; returns that.
+  double Minimize(const Track& track,
+                  const std::vector<CameraState>& states,
+                  Eigen::Vector3d* xyz) const;
+
+ private:
+  const ceres::LossFunction* loss_;
+  const Scene* scene_;
+  const std::vector<FreeParams> free_params_;
+  std::vector<double> inverse_noise_;
+};
+
+}  // namespace mfir

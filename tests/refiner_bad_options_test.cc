@@ -1,0 +1,257 @@
+// What the commands do with options and output folders that cannot work: exit
+// code, message, and that an earlier result stays.
+
+#include "tests/refiner_runner.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+using BadOptionsTest = RefinerTest;
+
+TEST_F(BadOptionsTest, UnwritableOutput) {
+  WriteFile(Path("file"), "keep me");
+  ExpectError(
+      kExitOutput, {Path("file"), "folder"}, {{"output_path", Path("file")}});
+  ExpectError(
+      kExitOutput, {Path("file/out")}, {{"output_path", Path("file/out")}});
+  EXPECT_EQ(ReadFile(Path("file")), "keep me");
+  ExpectError(kExitOutput, {"/proc/out"}, {{"output_path", "/proc/out"}});
+}
+
+// Folder names of the result are those of a capture.
+TEST_F(BadOptionsTest, OutputNeverReplacesTheInput) {
+  const auto frames = Files("frames");
+  const auto rig = Files("rig");
+  EXPECT_NE(Refine({{"output_path", folder_.Path()}}).exit_code, kExitSuccess);
+  EXPECT_TRUE(frames == Files("frames"));
+  EXPECT_TRUE(rig == Files("rig"));
+  fs::rename(Path("rig"), Path("frames/rig"));
+  EXPECT_NE(Refine({{"output_path", Path("frames")},
+                    {"extrinsics_path", Path("frames/rig")}})
+                .exit_code,
+            kExitSuccess);
+  EXPECT_TRUE(rig == Files("frames/rig"));
+}
+
+TEST_F(BadOptionsTest, FullDiskLeavesTheEarlierResult) {
+  fs::create_directories(Path("disk"));
+  if (RunShell("mount -t tmpfs -o size=4m none " + Path("disk")).exit_code !=
+      0) {
+    GTEST_SKIP() << "needs the right to mount a small disk";
+  }
+  ExpectRefines({{"output_path", Path("disk/out")}});
+  RunShell("head -c 100m /dev/zero >" + Path("disk/full"));
+  const auto before = Files("disk/out");
+  const CommandResult result = Refine(
+      {{"output_path", Path("disk/out")}, {"MultiFrame.loss_scale", "1"}});
+  const auto after = Files("disk/out");
+  RunShell("umount " + Path("disk"));
+  EXPECT_EQ(result.exit_code, kExitOutput) << result.error;
+  EXPECT_NE(result.error.find("disk full"), std::string::npos) << result.error;
+  EXPECT_TRUE(before == after);
+}
+
+TEST_F(BadOptionsTest, EarlierResultSurvivesFailingRuns) {
+  ExpectRefines();
+  const auto before = Files("out");
+  WriteFile(Path("empty_rig/cameras.txt"), "");
+  WriteFile(Path("empty_rig/images.txt"), "");
+  const std::vector<CommandOptions> failing = {
+      {{"input_path", Path("missing")}},
+      {{"extrinsics_path", Path("missing")}},
+      {{"extrinsics_path", Path("empty_rig")}},
+      {{"ground_truth_path", Path("missing")}},
+      {{"frame_list_path", Path("missing")}},
+      {{"MultiFrame.loss_scale", "-1"}},
+      {{"MultiFrame.camera_name_regex", "(cam)"}},
+      {{"MultiFrame.nonsense", "1"}},
+      {{"project_path", Path("missing")}}};
+  for (const CommandOptions& options : failing) {
+    EXPECT_NE(Refine(options).exit_code, kExitSuccess)
+        << testing::PrintToString(options);
+    EXPECT_TRUE(before == Files("out")) << testing::PrintToString(options);
+  }
+}
+
+TEST_F(BadOptionsTest, InterruptedRunLeavesTheEarlierResult) {
+  ExpectRefines();
+  const auto before = Files("out");
+  for (const char* delay : {"0.02", "0.3"}) {
+    RunShell("timeout -s INT " + std::string(delay) + " " +
+             ShellQuoted(MFIR_COLMAP_EXE) +
+             " multi_frame_intrinsics_refiner --input_path " + Path("frames") +
+             " --extrinsics_path " + Path("rig") + " --output_path " +
+             Path("out") + " --MultiFrame.preset paper");
+    auto after = Files("out");
+    for (auto it = after.begin(); it != after.end();) {
+      it = it->first.rfind(".unfinished_", 0) == 0 ? after.erase(it)
+                                                   : std::next(it);
+    }
+    EXPECT_TRUE(before == after);
+  }
+  ExpectRefines();
+}
+
+TEST_F(BadOptionsTest, WrongValues) {
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"preset", "fast"},
+      {"reprojection_weight", "0"},
+      {"reprojection_weight", "nan"},
+      {"rotation_prior_weight", "-1"},
+      {"translation_prior_weight", "inf"},
+      {"featuremetric_weight", "-1"},
+      {"focal_variance_weight", "-1"},
+      {"principal_point_variance_weight", "-0.1"},
+      {"extra_params_variance_weight", "nan"},
+      {"weight_growth", "1"},
+      {"max_prior_weight", "-1"},
+      {"progressive", "2"},
+      {"loss_scale", "-1"},
+      {"loss_scale", "1px"},
+      {"loss_scale", "0,25"},
+      {"max_num_iterations", "0"},
+      {"max_num_iterations", "1.5"},
+      {"max_num_iterations", "99999999999"},
+      {"refine_focal_length", "maybe"},
+      {"refine_principal_point", "3"},
+      {"refine_extra_params", "x"},
+      {"use_prior_intrinsics", "x"},
+      {"camera_model", "PINHOLES"},
+      {"camera_name_regex", "("},
+      {"camera_name_regex", "cam"},
+      {"camera_name_regex", "(c)(a)"},
+      {"dense_features", "sift"},
+      {"dense_features", "foo"},
+      {"use_gpu", "2"},
+      {"use_gpu", "-2"},
+      {"gpu_index", "-2"},
+      {"num_threads", "0"},
+      {"num_threads", "-2"},
+      {"quiet", "loud"}};
+  for (const auto& [name, value] : cases) {
+    ExpectError(kExitUsage, {name}, {{"MultiFrame." + name, value}});
+  }
+  ExpectError(kExitUsage, {"format"}, {{"extrinsics_format", "bal"}});
+  ExpectError(kExitUsage, {"format"}, {{"ground_truth_format", "bal"}});
+  ExpectError(kExitUsage,
+              {"extrinsics_pixel_offset"},
+              {{"extrinsics_pixel_offset", "inf"}});
+  ExpectError(kExitUsage,
+              {"refine_focal_length"},
+              {{"MultiFrame.refine_focal_length", "0"},
+               {"MultiFrame.refine_principal_point", "0"},
+               {"MultiFrame.refine_extra_params", "0"}});
+  // More threads than any machine has: an error or fewer threads, no crash.
+  for (const char* threads : {"100000", "2147483647"}) {
+    const int code =
+        Refine({{"MultiFrame.num_threads", threads}}, 20).exit_code;
+    EXPECT_TRUE(code == kExitSuccess || code == kExitUsage) << code;
+  }
+}
+
+TEST_F(BadOptionsTest, UnknownOptions) {
+  ExpectError(
+      kExitUsage, {"MultiFrame.nonsense"}, {{"MultiFrame.nonsense", "1"}});
+  // COLMAP would take an abbreviation.
+  ExpectError(kExitUsage,
+              {"MultiFrame.loss_scal", "Did you mean", "loss_scale"},
+              {{"MultiFrame.loss_scal", "1"}});
+  ExpectError(kExitUsage, {"input_pat", "input_path"}, {{"input_pat", "x"}});
+  // A forgotten "--name".
+  const CommandResult result = RunColmap({"multi_frame_intrinsics_refiner",
+                                          "stray",
+                                          "--input_path",
+                                          Path("frames"),
+                                          "--extrinsics_path",
+                                          Path("rig"),
+                                          "--output_path",
+                                          Path("out")});
+  EXPECT_EQ(result.exit_code, kExitUsage);
+  EXPECT_NE(result.error.find("stray"), std::string::npos) << result.error;
+}
+
+TEST_F(BadOptionsTest, ProjectFiles) {
+  const auto expect_error = [this](const std::string& content,
+                                   const std::vector<std::string>& parts) {
+    WriteFile(Path("project.ini"), content);
+    ExpectError(kExitUsage, parts, {{"project_path", Path("project.ini")}});
+  };
+  expect_error("[MultiFrame]\nloss_scal=1\n",
+               {"project.ini:2", "loss_scal", "loss_scale"});
+  expect_error("[MultiFrame]\nloss_scale=1\nloss_scale=2\n", {"twice"});
+  expect_error("[MultiFrame]\nloss_scale=much\n", {"loss_scale", "much"});
+  expect_error("[MultiFrame]\npreset=fast\n", {"preset", "fast"});
+  expect_error("nonsense\n", {"project.ini", "nonsense"});
+  expect_error("[MultiFrame\nloss_scale=1\n", {"project.ini"});
+  // A section that only its case tells from ours.
+  expect_error("[Multiframe]\nloss_scale=1\n", {"Multiframe"});
+  ExpectError(kExitUsage, {folder_.Path()}, {{"project_path", folder_.Path()}});
+}
+
+TEST_F(BadOptionsTest, NotConvergedIsAnErrorWithAResult) {
+  ExpectError(kExitSolver,
+              {"max_num_iterations"},
+              {{"MultiFrame.max_num_iterations", "1"}});
+  EXPECT_EQ(Summary()["result"]["status"], "not_converged");
+}
+
+TEST_F(BadOptionsTest, Evaluator) {
+  const auto evaluate = [this](const CommandOptions& options) {
+    CommandOptions all = {{"input_path", Path("frames")},
+                          {"ground_truth_path", Path("ground_truth")}};
+    for (const auto& [name, value] : options) all[name] = value;
+    std::vector<std::string> arguments = {"multi_frame_evaluator"};
+    for (const auto& [name, value] : all) {
+      arguments.insert(arguments.end(), {"--" + name, value});
+    }
+    return RunColmap(arguments).exit_code;
+  };
+  EXPECT_EQ(evaluate({}), kExitSuccess);
+  const std::string too_long = Path(std::string(300, 'x'));
+  EXPECT_EQ(evaluate({{"input_path", Path("missing")}}), kExitBadInput);
+  EXPECT_EQ(evaluate({{"input_path", too_long}}), kExitBadInput);
+  EXPECT_EQ(evaluate({{"ground_truth_path", Path("missing")}}), kExitBadInput);
+  EXPECT_EQ(evaluate({{"output_path", Path("missing/e.json")}}), kExitOutput);
+  EXPECT_EQ(evaluate({{"output_path", folder_.Path()}}), kExitOutput);
+  EXPECT_EQ(evaluate({{"ground_truth_format", "bal"}}), kExitUsage);
+  // A pipe stays one: only regular files are replaced.
+  ASSERT_EQ(RunShell("mkfifo " + Path("pipe")).exit_code, 0);
+  RunShell("timeout 5 " + ShellQuoted(MFIR_COLMAP_EXE) +
+           " multi_frame_evaluator --input_path " + Path("frames") +
+           " --ground_truth_path " + Path("ground_truth") + " --output_path " +
+           Path("pipe"));
+  EXPECT_TRUE(fs::is_fifo(Path("pipe")));
+}
+
+TEST_F(BadOptionsTest, Simulator) {
+  const auto simulate = [](const std::string& path,
+                           const CommandOptions& options) {
+    CommandOptions all = {{"output_path", path},
+                          {"Simulator.num_points", "60"},
+                          {"Simulator.num_cameras", "6"},
+                          {"Simulator.num_frames", "1"},
+                          {"Simulator.render_images", "0"}};
+    for (const auto& [name, value] : options) all[name] = value;
+    std::vector<std::string> arguments = {"multi_frame_simulator"};
+    for (const auto& [name, value] : all) {
+      arguments.insert(arguments.end(), {"--" + name, value});
+    }
+    return RunColmap(arguments).exit_code;
+  };
+  EXPECT_EQ(simulate(Path("new/a"), {}), kExitSuccess);
+  EXPECT_EQ(simulate(folder_.Path(), {}), kExitOutput);
+  EXPECT_EQ(simulate(Path("frames"), {{"Simulator.overwrite", "1"}}),
+            kExitOutput);
+  EXPECT_EQ(simulate(Path(std::string(300, 'x')), {}), kExitOutput);
+  EXPECT_EQ(simulate(Path("KRT"), {}), kExitOutput);
+  EXPECT_EQ(simulate(Path("b"), {{"Simulator.noise", "-1"}}), kExitUsage);
+  EXPECT_EQ(simulate(Path("b"), {{"Simulator.nois", "1"}}), kExitUsage);
+  EXPECT_EQ(simulate(Path("b"), {{"Simulator.num_threads", "0"}}), kExitUsage);
+  const int code = simulate(Path("b"), {{"Simulator.num_threads", "100000"}});
+  EXPECT_TRUE(code == kExitSuccess || code == kExitUsage) << code;
+}
+
+}  // namespace
+}  // namespace mfir
