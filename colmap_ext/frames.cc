@@ -376,7 +376,9 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
   for (const KnownCamera& known : capture.cameras) {
     RigCamera camera;
     camera.name = known.name;
-    camera.cam_from_world = TransformPose(new_from_rig, known.cam_from_world);
+    camera.known_cam_from_world =
+        TransformPose(new_from_rig, known.cam_from_world);
+    camera.cam_from_world = camera.known_cam_from_world;
     scene.cameras.push_back(camera);
   }
   for (const FrameModel& model : capture.frames) {
@@ -419,6 +421,7 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
 
 void UpdateReconstructions(const Similarity3& new_from_rig,
                            const Scene& scene,
+                           const std::vector<KnownCamera>& cameras,
                            bool single_frame_mode,
                            Capture* capture) {
   const Similarity3 rig_from_new = Inverse(new_from_rig);
@@ -430,12 +433,11 @@ void UpdateReconstructions(const Similarity3& new_from_rig,
     for (const FrameImage& frame_image : frame.images) {
       colmap::Image& image =
           reconstruction.Image(model.image_ids.at(frame_image.camera_idx));
-      SetCamFromWorld(capture->cameras[frame_image.camera_idx].cam_from_world,
-                      &image);
+      SetCamFromWorld(cameras[frame_image.camera_idx].cam_from_world, &image);
       reconstruction.Camera(image.CameraId())
           .SetParams(single_frame_mode
                          ? frame_image.params
-                         : scene.cameras[frame_image.camera_idx].params);
+                         : cameras[frame_image.camera_idx].params);
     }
     const std::vector<colmap::point3D_t> point_ids =
         SortedPointIds(reconstruction);

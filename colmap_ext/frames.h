@@ -71,11 +71,12 @@ void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
 Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture);
 
 // Makes the reconstructions of the used frames the refined ones, in the rig's
-// coordinates: points of the scene, known extrinsics, and the intrinsics of the
-// rig, or of the frame where `single_frame_mode`. Point errors are the mean
-// reprojection errors (px), as in COLMAP.
+// coordinates: points of the scene, extrinsics and intrinsics of `cameras`, or
+// the frame's own intrinsics where `single_frame_mode`. Point errors are the
+// mean reprojection errors (px), as in COLMAP.
 void UpdateReconstructions(const Similarity3& new_from_rig,
                            const Scene& scene,
+                           const std::vector<KnownCamera>& cameras,
                            bool single_frame_mode,
                            Capture* capture);
 

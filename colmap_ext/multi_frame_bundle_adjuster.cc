@@ -30,6 +30,11 @@ void MultiFrameBundleAdjuster::Run(const StageCallback& callback,
                                scene->frames.size(),
                                &scene->cameras,
                                problem_.get());
+  for (size_t i = 0; i < scene->cameras.size(); ++i) {
+    if (scene->cameras[i].constant_intrinsics) {
+      config_.SetConstantCamera(static_cast<colmap::camera_t>(i + 1));
+    }
+  }
   size_t frame_idx = 0;
   for (FrameModel& frame : capture->frames) {
     if (!frame.skip_reason.empty()) continue;

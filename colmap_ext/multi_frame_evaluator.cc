@@ -56,6 +56,7 @@ EvaluatorOptions ParseOptions(int argc, char** argv) {
              &options.frame_list_path,
              "File with the names of the frames to evaluate, one per line");
   parser.Add("output_path", &options.output_path, "JSON file to write");
+  parser.SetSharedSection("MultiFrame");
   parser.Parse(argc, argv);
 
   const std::vector<std::string> formats = {"auto", "colmap", "krt", "opencv"};

@@ -1,8 +1,10 @@
 // The command multi_frame_intrinsics_refiner.
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <limits>
 
@@ -16,6 +18,7 @@
 #include "src/alignment.h"
 #include "src/errors.h"
 #include "src/evaluation.h"
+#include "src/held_out_tracks.h"
 #include "src/refinement.h"
 
 namespace mfir {
@@ -31,6 +34,7 @@ struct RefinerOptions {
   double extrinsics_pixel_offset = std::numeric_limits<double>::quiet_NaN();
   std::string ground_truth_path;
   std::string ground_truth_format = "auto";
+  std::string constant_camera_list_path;
   MultiFrameOptions multi_frame;
 };
 
@@ -65,7 +69,9 @@ void AddPaths(RefinerOptions* options, OptionParser* parser) {
               "auto, colmap, krt or opencv");
 }
 
-void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
+void AddMultiFrameOptions(MultiFrameOptions* options,
+                          std::string* constant_camera_list_path,
+                          OptionParser* parser) {
   const auto add = [&](const char* name, auto* value, const char* help) {
     parser->Add(std::string("MultiFrame.") + name, value, help);
   };
@@ -110,6 +116,31 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("use_prior_intrinsics",
       &options->use_prior_intrinsics,
       "Start from the intrinsics of the extrinsics file");
+  add("held_out_share",
+      &options->held_out_share,
+      "Share of the tracks that take no part, to check the result");
+  add("extrinsics_rotation_std_deg",
+      &options->extrinsics_rotation_std_deg,
+      "Standard deviation of the known rotations per axis (degrees); 0: exact");
+  add("extrinsics_translation_std",
+      &options->extrinsics_translation_std,
+      "Standard deviation of the known camera centres per axis (units of the "
+      "extrinsics); 0: exact");
+  add("prior_focal_std",
+      &options->prior_focal_std,
+      "Standard deviation of the focal lengths of the extrinsics file (px), "
+      "with use_prior_intrinsics; 0: only a start");
+  add("prior_principal_point_std",
+      &options->prior_principal_point_std,
+      "The same for principal points (px)");
+  add("constant_camera_list_path",
+      constant_camera_list_path,
+      "File with cameras whose intrinsics stay at their start, one name per "
+      "line");
+  add("min_information",
+      &options->min_information,
+      "Combinations of intrinsics about which the data say less (1/px^2) stay "
+      "at their start");
   add("camera_model",
       &options->camera_model,
       "COLMAP camera model to convert all cameras to");
@@ -144,7 +175,8 @@ void CheckOptions(const RefinerOptions& options) {
   }
   if (options.multi_frame.use_gpu == 1 || options.multi_frame.gpu_index >= 0) {
     throw UsageError(
-        "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index need dense features, "
+        "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index need dense "
+        "features, "
         "which this version has not. Leave them at -1.");
   }
   if (!options.image_path.empty() &&
@@ -265,12 +297,63 @@ void UsePriorIntrinsics(const Capture& capture, Scene* scene) {
           " in the frames. Convert with --MultiFrame.camera_model.");
     }
     camera.params = known.params;
+    camera.prior_params = known.params;
     for (Frame& frame : scene->frames) {
       for (FrameImage& image : frame.images) {
         if (image.camera_idx == i) image.params = known.params;
       }
     }
   }
+}
+
+// Marks the cameras of the list.
+void HoldConstantCameras(const std::string& path, Scene* scene) {
+  if (path.empty()) return;
+  std::ifstream file(path);
+  if (!file) {
+    throw InputError("--MultiFrame.constant_camera_list_path " + path +
+                     ": cannot read the file.");
+  }
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    colmap::StringTrim(&line);
+    if (line.empty() || line[0] == '#') continue;
+    const std::string name = CanonicalCameraName(line);
+    const auto camera = std::find_if(
+        scene->cameras.begin(),
+        scene->cameras.end(),
+        [&](const RigCamera& other) { return other.name == name; });
+    if (camera == scene->cameras.end()) {
+      throw InputError(path + ":" + std::to_string(number) +
+                       ": there is no camera '" + line +
+                       "' with images. Correct or remove the line.");
+    }
+    camera->constant_intrinsics = true;
+  }
+}
+
+// The extrinsics in the coordinates of RIG: the known ones, or corrected.
+std::vector<KnownCamera> RefinedCameras(const MultiFrameOptions& options,
+                                        const Similarity3& normalized_from_rig,
+                                        const Capture& capture,
+                                        const Scene& scene) {
+  const Similarity3 rig_from_normalized = Inverse(normalized_from_rig);
+  std::vector<KnownCamera> cameras = capture.cameras;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const RigCamera& camera = scene.cameras[i];
+    cameras[i].model = camera.model;
+    cameras[i].width = camera.width;
+    cameras[i].height = camera.height;
+    cameras[i].params = camera.params;
+    if (options.SoftExtrinsics()) {
+      cameras[i].matrix.reset();
+      cameras[i].cam_from_world =
+          TransformPose(rig_from_normalized, camera.cam_from_world);
+      cameras[i].cam_from_world.rotation =
+          StableQuaternion(cameras[i].cam_from_world.rotation);
+    }
+  }
+  return cameras;
 }
 
 nlohmann::ordered_json Evaluate(const RefinerOptions& options,
@@ -364,6 +447,8 @@ RefinementResult RefineScene(const MultiFrameOptions& options,
     final_options.refine_principal_point = false;
     final_options.refine_extra_params = false;
   }
+  // The scene has its own unit.
+  final_options.extrinsics_translation_std *= normalized_from_rig.scale;
   return RefineFixedExtrinsics(final_options, !has_schedule, callback, scene);
 }
 
@@ -395,20 +480,26 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
 
   progress.Heading("Refining intrinsics");
   Scene scene = BuildScene(normalized_from_rig, capture);
+  HoldConstantCameras(options.constant_camera_list_path, &scene);
   InitializeIntrinsics(multi_frame, &scene);
   if (multi_frame.use_prior_intrinsics) UsePriorIntrinsics(capture, &scene);
+  HeldOutTracks held_out(multi_frame.held_out_share, &scene);
   RefinerResult result;
   for (const RigCamera& camera : scene.cameras) {
     result.initial_params.push_back(camera.params);
   }
   const bool single_frame_mode = multi_frame.SingleFrameMode();
+  Scene start = scene;
+  held_out.PutBack(&start);
   const std::vector<double> residuals_before =
-      SquaredResiduals(scene, single_frame_mode);
+      SquaredResiduals(start, single_frame_mode);
   result.refinement = RefineScene(multi_frame,
                                   normalized_from_rig,
                                   progress.RecordStages(&result.stages),
                                   &capture,
                                   &scene);
+  result.held_out_rms_px = held_out.Evaluate(multi_frame, scene);
+  held_out.PutBack(&scene);
   const std::vector<double> residuals_after =
       SquaredResiduals(scene, single_frame_mode);
   // The same observations before and after.
@@ -421,18 +512,23 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   result.rms_px_after = RmsByCamera(scene, residuals_after, inliers);
   result.status = result.refinement.converged ? "converged" : "not_converged";
   progress.Log(colmap::StringPrintf(
-      "%s: rms %.3f px before, %.3f px after; noise %.3f px, outliers %.1f %%",
+      "%s: rms %.3f px before, %.3f px after, %.3f px held out; noise %.3f px, "
+      "outliers %.1f %%",
       result.status.c_str(),
       result.rms_px_before.back(),
       result.rms_px_after.back(),
+      result.held_out_rms_px,
       result.refinement.noise_std_px,
       100.0 * result.refinement.outlier_share));
 
   progress.Heading("Writing result");
+  result.cameras =
+      RefinedCameras(multi_frame, normalized_from_rig, capture, scene);
+  result.soft_extrinsics = multi_frame.SoftExtrinsics();
   result.evaluation = Evaluate(options, scene);
   result.inputs = DescribeInputs(options, rig, capture);
   UpdateReconstructions(
-      normalized_from_rig, scene, single_frame_mode, &capture);
+      normalized_from_rig, scene, result.cameras, single_frame_mode, &capture);
   result.capture = &capture;
   result.scene = &scene;
   result.timings_s = progress.Timings();
@@ -458,10 +554,16 @@ int RunMultiFrameIntrinsicsRefiner(int argc, char** argv) {
     options.multi_frame.ApplyPreset(options.multi_frame.preset);
     OptionParser parser;
     AddPaths(&options, &parser);
-    AddMultiFrameOptions(&options.multi_frame, &parser);
+    AddMultiFrameOptions(
+        &options.multi_frame, &options.constant_camera_list_path, &parser);
     parser.Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
       options.multi_frame.ApplyPreset(name);
     });
+    // Only its default gives way to a schedule.
+    if (options.multi_frame.NumScheduleSolves() > 0 &&
+        !parser.IsSet("MultiFrame.held_out_share")) {
+      options.multi_frame.held_out_share = 0.0;
+    }
     CheckOptions(options);
     Refine(options, parser);
   });

@@ -208,8 +208,8 @@ void OptionParser::CheckName(const std::string& argument) const {
     if (name == known) return;
   }
   if (Find(name) == nullptr) {
-    throw UsageError("There is no option --" + name + "." +
-                     DidYouMean(name) + " See --help.");
+    throw UsageError("There is no option --" + name + "." + DidYouMean(name) +
+                     " See --help.");
   }
 }
 
@@ -217,8 +217,8 @@ std::string OptionParser::DidYouMean(const std::string& name) const {
   const Option* nearest = nullptr;
   for (const Option& option : options_) {
     if (Section(option.name) == Section(name) &&
-        (nearest == nullptr || EditDistance(option.name, name) <
-                                   EditDistance(nearest->name, name))) {
+        (nearest == nullptr ||
+         EditDistance(option.name, name) < EditDistance(nearest->name, name))) {
       nearest = &option;
     }
   }
@@ -246,7 +246,8 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
         path + ":" + std::to_string(FindIniLine(path, key)) + ": ";
     if (Find(key) == nullptr) {
       const std::string suggestion = DidYouMean(key);
-      if (Section(key).empty() || suggestion.empty()) {
+      if (Section(key).empty() || Section(key) == shared_section_ ||
+          suggestion.empty()) {
         continue;  // An option of another command.
       }
       throw UsageError(where + "there is no option '" + key + "'." +
@@ -256,8 +257,9 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
       throw UsageError(where + "'" + key + "' is set twice.");
     }
     seen.push_back(key);
-    arguments.push_back("--" + key + "=" +
-                        (ini_option.value.empty() ? "" : ini_option.value[0]));
+    // An empty value, as Write leaves it for an unset path, is the default.
+    if (ini_option.value.empty() || ini_option.value[0].empty()) continue;
+    arguments.push_back("--" + key + "=" + ini_option.value[0]);
   }
   return arguments;
 }

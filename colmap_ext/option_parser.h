@@ -29,6 +29,12 @@ class OptionParser {
                    std::string* value,
                    const std::string& help);
 
+  // A section that belongs to another command as well: names in it that are not
+  // registered here are skipped in an ini file.
+  void SetSharedSection(const std::string& section) {
+    shared_section_ = section;
+  }
+
   // Parses --project_path (if given), then the command line. If `preset_name`
   // names a registered string option, `apply_preset` is called with its value
   // before anything else is parsed, and sets defaults (explicit options win).
@@ -65,6 +71,7 @@ class OptionParser {
 
   std::vector<Option> options_;
   std::vector<std::string> set_names_;
+  std::string shared_section_;
 };
 
 }  // namespace mfir

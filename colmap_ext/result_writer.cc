@@ -82,16 +82,68 @@ void WriteModel(const fs::path& path,
   }
 }
 
-std::vector<KnownCamera> RefinedCameras(const RefinerResult& result) {
-  std::vector<KnownCamera> cameras = result.capture->cameras;
+// The refined intrinsics with the extrinsics as they were given.
+std::vector<KnownCamera> GivenCameras(const RefinerResult& result) {
+  std::vector<KnownCamera> cameras = result.cameras;
   for (size_t i = 0; i < cameras.size(); ++i) {
-    const RigCamera& camera = result.scene->cameras[i];
-    cameras[i].model = camera.model;
-    cameras[i].width = camera.width;
-    cameras[i].height = camera.height;
-    cameras[i].params = camera.params;
+    cameras[i].cam_from_world = result.capture->cameras[i].cam_from_world;
   }
   return cameras;
+}
+
+// What soft extrinsics have changed: rotation vector (degrees, after the given
+// rotation) and shift of the camera centre (units of RIG).
+Json MakeCorrection(const KnownCamera& given, const KnownCamera& corrected) {
+  const Eigen::AngleAxisd rotation((corrected.cam_from_world.rotation *
+                                    given.cam_from_world.rotation.conjugate())
+                                       .normalized());
+  const Eigen::Vector3d degrees =
+      rotation.angle() * 180.0 / M_PI * rotation.axis();
+  const Eigen::Vector3d shift =
+      corrected.cam_from_world.Center() - given.cam_from_world.Center();
+  return {{"rotation_deg", {degrees.x(), degrees.y(), degrees.z()}},
+          {"center", {shift.x(), shift.y(), shift.z()}}};
+}
+
+// Correlation coefficients of a camera's parameters; null where one is held.
+Json MakeCorrelations(const Eigen::MatrixXd& covariance) {
+  Json rows = Json::array();
+  for (Eigen::Index i = 0; i < covariance.rows(); ++i) {
+    Json row = Json::array();
+    for (Eigen::Index j = 0; j < covariance.cols(); ++j) {
+      row.push_back(NumberOrNull(
+          covariance(i, j) / std::sqrt(covariance(i, i) * covariance(j, j))));
+    }
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+// Standard deviations of what all cameras share, the weak modes of a dome.
+Json MakeModes(const RefinerResult& result) {
+  const Eigen::MatrixXd& covariance = result.refinement.covariance;
+  Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(covariance.rows(), 3);
+  const double num_cameras = static_cast<double>(result.cameras.size());
+  Eigen::Index begin = 0;
+  for (const KnownCamera& camera : result.cameras) {
+    const std::vector<size_t>& focal_idxs = camera.model->FocalLengthIdxs();
+    for (const size_t idx : focal_idxs) {
+      modes(begin + static_cast<Eigen::Index>(idx), 0) =
+          1000.0 / (camera.params[idx] * num_cameras *
+                    static_cast<double>(focal_idxs.size()));
+    }
+    for (Eigen::Index axis = 0; axis < 2; ++axis) {
+      const size_t idx = camera.model->PrincipalPointIdxs()[axis];
+      modes(begin + static_cast<Eigen::Index>(idx), 1 + axis) =
+          1.0 / num_cameras;
+    }
+    begin += static_cast<Eigen::Index>(camera.params.size());
+  }
+  const Eigen::Vector3d stds =
+      (modes.transpose() * covariance * modes).diagonal().cwiseSqrt();
+  return {{"common_focal_scale_std_permille", NumberOrNull(stds(0))},
+          {"common_principal_point_shift_x_std_px", NumberOrNull(stds(1))},
+          {"common_principal_point_shift_y_std_px", NumberOrNull(stds(2))}};
 }
 
 colmap::Reconstruction MakeRigModel(const std::vector<KnownCamera>& cameras) {
@@ -191,12 +243,15 @@ Json MakeCameras(const RefinerResult& result) {
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const RigCamera& camera = scene.cameras[i];
     Json params_std = Json::array();
-    bool determined = true;
+    const Eigen::Index num_params =
+        static_cast<Eigen::Index>(camera.params.size());
+    const Json correlations =
+        MakeCorrelations(result.refinement.covariance.block(
+            param_begin, param_begin, num_params, num_params));
+    bool determined = !result.refinement.held_cameras[i];
     for (size_t j = 0; j < camera.params.size(); ++j) {
       const Eigen::Index k = param_begin + static_cast<Eigen::Index>(j);
-      const double variance = result.refinement.covariance.size() == 0
-                                  ? std::nan("")
-                                  : result.refinement.covariance(k, k);
+      const double variance = result.refinement.covariance(k, k);
       params_std.push_back(NumberOrNull(std::sqrt(variance)));
       determined = determined && std::isfinite(variance);
       for (const size_t idx : camera.model->FocalLengthIdxs()) {
@@ -206,12 +261,14 @@ Json MakeCameras(const RefinerResult& result) {
         }
       }
     }
-    param_begin += static_cast<Eigen::Index>(camera.params.size());
+    param_begin += num_params;
     Json flags = Json::array();
     if (num_observations[i] == 0) flags.push_back("no_observations");
     if (num_observations[i] > 0 && !determined) {
       flags.push_back("weakly_determined");
     }
+    if (result.refinement.held_cameras[i]) flags.push_back("held_at_start");
+    if (camera.constant_intrinsics) flags.push_back("constant");
     if (num_frames[i] == 1) flags.push_back("single_frame");
     cameras.push_back({{"name", camera.name},
                        {"model", camera.model->Name()},
@@ -220,11 +277,16 @@ Json MakeCameras(const RefinerResult& result) {
                        {"params", camera.params},
                        {"params_initial", result.initial_params[i]},
                        {"params_std", params_std},
+                       {"correlations", correlations},
                        {"num_frames", num_frames[i]},
                        {"num_observations", num_observations[i]},
                        {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
                        {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
                        {"flags", flags}});
+    if (result.soft_extrinsics) {
+      cameras.back()["extrinsics_correction"] =
+          MakeCorrection(result.capture->cameras[i], result.cameras[i]);
+    }
   }
   return cameras;
 }
@@ -263,6 +325,7 @@ size_t PeakRss() {
 void MoveIntoPlace(const fs::path& temporary,
                    const fs::path& output,
                    const std::string& name) {
+  if (!fs::exists(temporary / name)) return;
   if (fs::exists(output / name)) {
     fs::rename(output / name, temporary / ("old_" + name));
   }
@@ -306,10 +369,12 @@ Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
        {{"status", result.status},
         {"rms_px_before", NumberOrNull(result.rms_px_before.back())},
         {"rms_px_after", NumberOrNull(result.rms_px_after.back())},
-        {"held_out_rms_px", nullptr},
+        {"held_out_rms_px", NumberOrNull(result.held_out_rms_px)},
+        {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
         {"last_focal_change", result.refinement.last_focal_change},
         {"noise_std_px", result.refinement.noise_std_px},
-        {"outlier_share", result.refinement.outlier_share}}},
+        {"outlier_share", result.refinement.outlier_share},
+        {"modes", MakeModes(result)}}},
       {"timings_s", timings},
       {"peak_rss_bytes", PeakRss()}};
   if (!result.evaluation.is_null()) {
@@ -325,14 +390,17 @@ std::vector<std::string> WriteResult(const std::string& output_path,
   const TemporaryFolder temporary(output_path);
   const fs::path& path = temporary.Path();
   try {
-    const std::vector<KnownCamera> cameras = RefinedCameras(result);
-    WriteModel(path / "rig", true, MakeRigModel(cameras));
+    WriteModel(path / "rig", true, MakeRigModel(result.cameras));
+    if (result.soft_extrinsics) {
+      WriteModel(path / "rig_given", true, MakeRigModel(GivenCameras(result)));
+    }
     for (const FrameModel& model : result.capture->frames) {
       if (model.skip_reason.empty()) {
         WriteModel(path / "frames" / model.name, false, *model.reconstruction);
       }
     }
-    for (const std::string& name : WriteKRT((path / "KRT").string(), cameras)) {
+    for (const std::string& name :
+         WriteKRT((path / "KRT").string(), result.cameras)) {
       remarks.push_back("KRT cannot hold the distortion of camera '" + name +
                         "'; it has zeros there.");
     }
@@ -342,7 +410,11 @@ std::vector<std::string> WriteResult(const std::string& output_path,
                   MakeSummary(options, result)
                           .dump(2, ' ', false, Json::error_handler_t::replace) +
                       "\n");
-    for (const char* name : {"rig",
+    if (!result.soft_extrinsics) {
+      fs::remove_all(fs::path(output_path) / "rig_given");
+    }
+    for (const char* name : {"rig_given",
+                             "rig",
                              "frames",
                              "KRT",
                              "history.csv",

@@ -20,9 +20,14 @@ namespace mfir {
 struct RefinerResult {
   const Capture* capture = nullptr;
   const Scene* scene = nullptr;
+  // By camera: refined intrinsics and, with soft extrinsics, corrected poses,
+  // in the coordinates of RIG.
+  std::vector<KnownCamera> cameras;
+  bool soft_extrinsics = false;
   std::vector<std::vector<double>> initial_params;  // by camera
-  std::vector<double> rms_px_before;                // see ReprojectionRms
+  std::vector<double> rms_px_before;                // see RmsByCamera
   std::vector<double> rms_px_after;
+  double held_out_rms_px = 0.0;  // NaN: no tracks were held out
   RefinementResult refinement;
   std::string status;  // "converged" or "not_converged"
   std::vector<Stage> stages;

@@ -140,8 +140,7 @@ Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
     : options_(options), scene_(scene), states_(CameraStates(*scene)) {
   CollectTracks();
   CollectParams();
-  track_solver_.emplace(
-      options_.loss, scene_, free_params_, options_.camera_noise);
+  track_solver_.emplace(options_.loss, scene_, free_params_);
 
   // A fixed partition (independent of the number of threads) whose partial sums
   // are added in order makes the result reproducible.

@@ -21,12 +21,10 @@ struct FixedExtrinsicsOptions {
   // By camera: hold its intrinsics. Empty: none.
   std::vector<bool> constant_cameras;
 
-  // Robust loss of |r|, r in pixels over camera_noise. Must outlive the solve.
+  // Robust loss of |r|, r in pixels. Must outlive the solve.
   const ceres::LossFunction* loss = nullptr;
   // Weight of each frame's observations; empty: 1.
   std::vector<double> frame_weights;
-  // Noise of each camera relative to the others; empty: 1.
-  std::vector<double> camera_noise;
 
   // Priors with these standard deviations, none where 0: rotation (rad per
   // axis) and camera centre (world units per axis) around known_cam_from_world,
@@ -79,7 +77,7 @@ struct FixedExtrinsicsSummary {
 // Minimizes, over the intrinsics of scene->cameras and all points,
 //
 //   sum_frames weight_f sum_obs
-//       1/2 rho(|Project(params_c, R_c X + t_c) - xy|^2 / noise_c^2)
+//       1/2 rho(|Project(params_c, R_c X + t_c) - xy|^2)
 //   + prior_weight sum_priors 1/2 ((parameter - known) / std)^2
 //
 // with R_c, t_c the extrinsics of the rig (poses of the frames' images are not

@@ -56,7 +56,6 @@ std::vector<T> CollectInChunks(const Scene& scene,
 
 // Samples of one track; see the header.
 void AddSamples(const std::vector<Linearization>& linearizations,
-                const std::vector<size_t>& camera_idxs,
                 const ceres::LossFunction* loss,
                 std::vector<NoiseSample>* samples) {
   double rho_at_zero[3] = {0.0, 1.0, 0.0};
@@ -85,8 +84,7 @@ void AddSamples(const std::vector<Linearization>& linearizations,
       if (!(weight > kMinWeight)) continue;
       const double residual =
           eigen.eigenvectors().col(e).dot(linearizations[k].residual);
-      samples->push_back(
-          {residual * residual / weight, weight, camera_idxs[k]});
+      samples->push_back({residual * residual / weight, weight});
     }
   }
 }
@@ -126,10 +124,8 @@ std::vector<NoiseSample> NoiseSamples(const Scene& scene,
       [&](const Chunk& chunk, std::vector<NoiseSample>* result) {
         const Frame& frame = *chunk.frame;
         std::vector<Linearization> linearizations;
-        std::vector<size_t> camera_idxs;
         for (size_t i = chunk.begin; i < chunk.end; ++i) {
           linearizations.clear();
-          camera_idxs.clear();
           for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
                ++k) {
             const Observation& observation = frame.observations[k];
@@ -143,11 +139,10 @@ std::vector<NoiseSample> NoiseSamples(const Scene& scene,
                                      frame.points[i],
                                      &linearization)) {
               linearizations.push_back(linearization);
-              camera_idxs.push_back(camera_idx);
             }
           }
           if (linearizations.size() >= 2) {
-            AddSamples(linearizations, camera_idxs, loss, result);
+            AddSamples(linearizations, loss, result);
           }
         }
       });

@@ -20,7 +20,6 @@ std::vector<double> SquaredResiduals(const Scene& scene, int num_threads = -1);
 struct NoiseSample {
   double squared;  // px^2, corrected for the fit of the point
   double weight;   // degrees of freedom, 0 to 1
-  size_t camera_idx = 0;
 };
 
 // Samples of the noise from the residuals of all observations. A residual is

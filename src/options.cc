@@ -38,15 +38,18 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
   CheckOneOf("preset", name, {"accurate", "paper"});
   const MultiFrameOptions paper;
   preset = name;
-  weight_growth = paper.weight_growth;
   if (name == "paper") {
     max_prior_weight = paper.max_prior_weight;
     loss_scale = paper.loss_scale;
+    held_out_share = 0.0;
+    min_information = 0.0;
   } else {
     // The last solve converges from the alignment directly; the schedule
     // changes nothing but the time.
     max_prior_weight = 0.0;
     loss_scale = 0.0;
+    held_out_share = 0.05;
+    min_information = paper.min_information;
   }
 }
 
@@ -65,6 +68,28 @@ void MultiFrameOptions::Check() const {
   CheckAtLeast("max_prior_weight", max_prior_weight, 0.0);
   CheckAtLeast("loss_scale", loss_scale, 0.0);
   CheckAtLeast("max_num_iterations", max_num_iterations, 1);
+  CheckAtLeast("held_out_share", held_out_share, 0.0);
+  CheckAtLeast("extrinsics_rotation_std_deg", extrinsics_rotation_std_deg, 0.0);
+  CheckAtLeast("extrinsics_translation_std", extrinsics_translation_std, 0.0);
+  CheckAtLeast("prior_focal_std", prior_focal_std, 0.0);
+  CheckAtLeast("prior_principal_point_std", prior_principal_point_std, 0.0);
+  CheckAtLeast("min_information", min_information, 0.0);
+  if (held_out_share > 0.5) {
+    throw UsageError("--MultiFrame.held_out_share must be at most 0.5.");
+  }
+  if (held_out_share > 0.0 && NumScheduleSolves() > 0) {
+    throw UsageError(
+        "The solves of a schedule take all tracks: with "
+        "--MultiFrame.max_prior_weight or progressive 0, "
+        "--MultiFrame.held_out_share must be 0.");
+  }
+  if ((prior_focal_std > 0.0 || prior_principal_point_std > 0.0) &&
+      !use_prior_intrinsics) {
+    throw UsageError(
+        "--MultiFrame.prior_focal_std and prior_principal_point_std are priors "
+        "around the intrinsics of RIG: set --MultiFrame.use_prior_intrinsics "
+        "1.");
+  }
   CheckOneOf("dense_features",
              dense_features,
              {"", "none", "sift", "onnx", "database"});

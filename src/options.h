@@ -50,6 +50,24 @@ struct MultiFrameOptions {
   // Start from the intrinsics of RIG instead of those of the frames.
   bool use_prior_intrinsics = false;
 
+  // Share of the tracks that take no part, to check the result.
+  double held_out_share = 0.0;
+
+  // The known extrinsics are exact (0), or get corrections shared by all frames
+  // under a prior with this standard deviation per axis: rotation in degrees,
+  // camera centre in units of RIG.
+  double extrinsics_rotation_std_deg = 0.0;
+  double extrinsics_translation_std = 0.0;
+
+  // Prior around the intrinsics of RIG (with use_prior_intrinsics), standard
+  // deviations in pixels; 0: none.
+  double prior_focal_std = 0.0;
+  double prior_principal_point_std = 0.0;
+
+  // Combinations of intrinsics about which the data say less than this (1/px^2,
+  // see FixedExtrinsicsOptions) stay at their start.
+  double min_information = 1e-6;
+
   // COLMAP camera model that all cameras are converted to; empty: as they are.
   std::string camera_model;
 
@@ -79,6 +97,11 @@ struct MultiFrameOptions {
   bool SingleFrameMode() const {
     return focal_variance_weight == 0.0 &&
            principal_point_variance_weight == 0.0;
+  }
+
+  bool SoftExtrinsics() const {
+    return extrinsics_rotation_std_deg > 0.0 ||
+           extrinsics_translation_std > 0.0;
   }
 
   // Number of solves of the schedule, before the last one.

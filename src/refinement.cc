@@ -138,20 +138,24 @@ class Refiner {
     result.outlier_share = noise.OutlierShare();
     const ceres::LossFunction* loss = &noise;
     if (options_.loss_scale > 0.0) loss = &cauchy;
-    const FixedExtrinsicsSummary summary =
-        Solve("final", *loss, options_.max_num_iterations, 1e-10, true);
+    const FixedExtrinsicsSummary summary = Solve("final",
+                                                 *loss,
+                                                 options_.loss_scale == 0.0,
+                                                 options_.max_num_iterations,
+                                                 1e-10);
     result.converged = summary.converged;
     result.last_focal_change = summary.last_focal_change;
     result.covariance = summary.covariance;
+    result.held_cameras = summary.held_cameras;
     return result;
   }
 
  private:
   FixedExtrinsicsSummary Solve(const std::string& name,
                                const ceres::LossFunction& loss,
+                               bool is_likelihood,
                                int max_num_iterations,
-                               double tolerance,
-                               bool final_solve) {
+                               double tolerance) {
     const auto start = std::chrono::steady_clock::now();
     FixedExtrinsicsOptions solver_options;
     solver_options.refine_focal_length = options_.refine_focal_length;
@@ -160,8 +164,22 @@ class Refiner {
     solver_options.loss = &loss;
     solver_options.max_num_iterations = max_num_iterations;
     solver_options.parameter_tolerance = tolerance;
-    solver_options.compute_covariance = final_solve;
+    solver_options.compute_covariance = name == "final";
     solver_options.num_threads = options_.EffectiveNumThreads();
+    for (const RigCamera& camera : scene_->cameras) {
+      solver_options.constant_cameras.push_back(camera.constant_intrinsics);
+    }
+    solver_options.rotation_std =
+        options_.extrinsics_rotation_std_deg * M_PI / 180.0;
+    solver_options.center_std = options_.extrinsics_translation_std;
+    solver_options.focal_std = options_.prior_focal_std;
+    solver_options.principal_point_std = options_.prior_principal_point_std;
+    // Far from the solution little information only means a bad fit.
+    if (name == "final") {
+      solver_options.min_information = options_.min_information;
+    }
+    double weight_sum = 0.0;
+    double num_observations = 0.0;
     for (const Frame& frame : scene_->frames) {
       // Estimated noise is that of every observation, whatever its frame.
       const double divisor =
@@ -169,9 +187,14 @@ class Refiner {
               ? static_cast<double>(scene_->frames.size() *
                                     frame.observations.size())
               : 1.0;
-      solver_options.frame_weights.push_back(options_.reprojection_weight /
-                                             divisor);
+      const double weight = options_.reprojection_weight / divisor;
+      solver_options.frame_weights.push_back(weight);
+      weight_sum += weight * static_cast<double>(frame.observations.size());
+      num_observations += static_cast<double>(frame.observations.size());
     }
+    // What a squared residual of one standard deviation weighs in the cost.
+    solver_options.prior_weight = weight_sum / std::max(num_observations, 1.0) *
+                                  (is_likelihood ? 1.0 : std_px_ * std_px_);
     const FixedExtrinsicsSummary summary =
         SolveFixedExtrinsics(solver_options, scene_);
 
@@ -193,7 +216,7 @@ class Refiner {
   void Approach() {
     for (int i = 0; i < kMaxNumStartSolves; ++i) {
       const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px_);
-      Solve("start", loss, kMaxNumStartIterations, kStartTolerance, false);
+      Solve("start", loss, false, kMaxNumStartIterations, kStartTolerance);
       const double previous_std_px = std_px_;
       std_px_ = RobustStd(Samples(&loss));
       if (std_px_ > (1.0 - kMinScaleReduction) * previous_std_px) break;
@@ -201,9 +224,10 @@ class Refiner {
   }
 
   std::vector<NoiseSample> Samples(const ceres::LossFunction* loss) const {
-    std::vector<NoiseSample> samples = NoiseSamples(*scene_, loss);
-    // Noise-free data has residuals of rounding size, or none at all.
+    std::vector<NoiseSample> samples =
+        NoiseSamples(*scene_, loss, options_.EffectiveNumThreads());
     for (NoiseSample& sample : samples) {
+      // Noise-free data has residuals of rounding size, or none at all.
       sample.squared = std::max(sample.squared, kMinStd * kMinStd);
     }
     if (samples.empty()) samples.push_back({1.0, 1.0});
@@ -248,6 +272,9 @@ void SetMedianIntrinsics(Scene* scene) {
 
 void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene) {
   SetMedianIntrinsics(scene);
+  for (RigCamera& camera : scene->cameras) {
+    camera.prior_params = camera.params;
+  }
   for (Frame& frame : scene->frames) {
     for (FrameImage& image : frame.images) {
       const RigCamera& camera = scene->cameras[image.camera_idx];
@@ -256,6 +283,7 @@ void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene) {
           if (!refine) image.params[idx] = camera.params[idx];
         }
       };
+      if (camera.constant_intrinsics) image.params = camera.params;
       hold(options.refine_focal_length, camera.model->FocalLengthIdxs());
       hold(options.refine_principal_point, camera.model->PrincipalPointIdxs());
       hold(options.refine_extra_params, camera.model->ExtraParamsIdxs());
@@ -272,6 +300,7 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
   }
   RefinementResult result;
   result.converged = true;
+  result.held_cameras.assign(scene->cameras.size(), false);
   for (size_t i = 0; i < scene->frames.size(); ++i) {
     Scene single = SingleFrameScene(*scene, i);
     const RefinementResult frame_result =
@@ -284,6 +313,10 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
     result.converged = result.converged && frame_result.converged;
     result.last_focal_change =
         std::max(result.last_focal_change, frame_result.last_focal_change);
+    for (size_t c = 0; c < result.held_cameras.size(); ++c) {
+      result.held_cameras[c] =
+          result.held_cameras[c] || frame_result.held_cameras[c];
+    }
     result.noise_std_px += frame_result.noise_std_px / num_frames;
     result.outlier_share += frame_result.outlier_share / num_frames;
     // The mean of independent frames; the median is about as good.

@@ -13,8 +13,9 @@
 
 namespace mfir {
 
-// Sets the intrinsics of the rig's cameras to the median of their frames, and
-// parameters that are not refined to the same value in all frames.
+// Sets the intrinsics (and their priors) of the rig's cameras to the median of
+// their frames, and parameters that are not refined to the same value in all
+// frames.
 void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene);
 
 struct RefinementResult {
@@ -28,6 +29,8 @@ struct RefinementResult {
   // from the residuals.
   double noise_std_px = 0.0;
   double outlier_share = 0.0;
+  // See FixedExtrinsicsSummary.
+  std::vector<bool> held_cameras;
 };
 
 // Minimizes the reprojection error over points and intrinsics with the
@@ -41,6 +44,9 @@ struct RefinementResult {
 // observation has the same weight. `from_frames`: the points come straight from
 // the frames' reconstructions, not from a schedule: approach in solves with a
 // shrinking Cauchy scale first.
+//
+// Extrinsics stay as they are, or, with extrinsics_*_std (the translation in
+// units of the scene), cam_from_world of the rig's cameras is corrected.
 RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
                                        bool from_frames,
                                        const StageCallback& callback,

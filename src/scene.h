@@ -51,6 +51,8 @@ struct RigCamera {
   std::vector<double> params;
   // What priors on the intrinsics pull to.
   std::vector<double> prior_params;
+  // Whether the intrinsics stay at their start.
+  bool constant_intrinsics = false;
 };
 
 // One image of a frame.

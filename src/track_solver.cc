@@ -25,15 +25,8 @@ Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
 
 TrackSolver::TrackSolver(const ceres::LossFunction* loss,
                          const Scene* scene,
-                         std::vector<FreeParams> free_params,
-                         std::vector<double> camera_noise)
-    : loss_(loss),
-      scene_(scene),
-      free_params_(std::move(free_params)),
-      inverse_noise_(std::move(camera_noise)) {
-  inverse_noise_.resize(scene->cameras.size(), 1.0);
-  for (double& noise : inverse_noise_) noise = 1.0 / noise;
-}
+                         std::vector<FreeParams> free_params)
+    : loss_(loss), scene_(scene), free_params_(std::move(free_params)) {}
 
 double TrackSolver::Cost(const Track& track,
                          const std::vector<CameraState>& states,
@@ -47,11 +40,8 @@ double TrackSolver::Cost(const Track& track,
             *scene_->cameras[camera_idx].model, states[camera_idx], xyz, &xy)) {
       return std::numeric_limits<double>::infinity();
     }
-    const double inverse_noise = inverse_noise_[camera_idx];
     double rho[3];
-    loss_->Evaluate(
-        inverse_noise * inverse_noise * (xy - observation.xy).squaredNorm(),
-        rho);
+    loss_->Evaluate((xy - observation.xy).squaredNorm(), rho);
     cost += 0.5 * rho[0];
   }
   return track.weight * cost;
@@ -65,19 +55,14 @@ bool TrackSolver::Linearize(const Track& track,
   for (size_t i = 0; i < track.length; ++i) {
     const Track::Observation& observation = track.observations[i];
     const size_t camera_idx = observation.camera_idx;
-    Linearization& linearization = (*linearizations)[i];
     if (!LinearizeObservation(*scene_->cameras[camera_idx].model,
                               states[camera_idx],
                               free_params_[camera_idx],
                               observation.xy,
                               xyz,
-                              &linearization)) {
+                              &(*linearizations)[i])) {
       return false;
     }
-    const double inverse_noise = inverse_noise_[camera_idx];
-    linearization.residual *= inverse_noise;
-    linearization.jacobian_point *= inverse_noise;
-    linearization.jacobian_params *= inverse_noise;
   }
   return true;
 }

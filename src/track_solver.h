@@ -15,7 +15,7 @@
 
 namespace mfir {
 
-// A point with its observations, in units of the noise of their cameras.
+// A point with its observations.
 struct Track {
   struct Observation {
     size_t camera_idx;
@@ -51,19 +51,17 @@ struct TrackSystem {
 // the relative noise of the camera.
 class TrackSolver {
  public:
-  // `loss` and `scene` (its camera models) must outlive this. `camera_noise` by
-  // camera, empty: 1.
+  // `loss` and `scene` (its camera models) must outlive this.
   TrackSolver(const ceres::LossFunction* loss,
               const Scene* scene,
-              std::vector<FreeParams> free_params,
-              std::vector<double> camera_noise);
+              std::vector<FreeParams> free_params);
 
   // Infinite behind a camera.
   double Cost(const Track& track,
               const std::vector<CameraState>& states,
               const Eigen::Vector3d& xyz) const;
 
-  // Residuals and Jacobians in units of the noise. False behind a camera.
+  // False behind a camera.
   bool Linearize(const Track& track,
                  const std::vector<CameraState>& states,
                  const Eigen::Vector3d& xyz,
@@ -86,7 +84,6 @@ class TrackSolver {
   const ceres::LossFunction* loss_;
   const Scene* scene_;
   const std::vector<FreeParams> free_params_;
-  std::vector<double> inverse_noise_;
 };
 
 }  // namespace mfir

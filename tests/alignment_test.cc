@@ -102,8 +102,7 @@ TEST(AlignPoses, RecoversTheGaugeExactly) {
     EXPECT_EQ(alignment.num_inliers, num_cameras);
     EXPECT_EQ(alignment.inliers, std::vector<bool>(num_cameras, true));
     EXPECT_LT(alignment.rms_center_error, 1e-9);
-    ExpectNear(
-        alignment.target_from_source * source_from_target, {}, 1e-9);
+    ExpectNear(alignment.target_from_source * source_from_target, {}, 1e-9);
   }
 }
 
@@ -232,8 +231,8 @@ TEST(AlignPoses, FailsForTheRigOfAnotherArray) {
           }
           return poses;
         }());
-    EXPECT_NE(alignment.failure, "") << "seed " << seed << ": "
-                                     << alignment.num_inliers << " inliers";
+    EXPECT_NE(alignment.failure, "")
+        << "seed " << seed << ": " << alignment.num_inliers << " inliers";
   }
 }
 

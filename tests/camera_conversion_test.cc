@@ -69,7 +69,8 @@ TEST(CameraConversion, IsExactWhereTheTargetContainsTheSource) {
                {1000, 1000, 407, 295, -0.1, 0.05, 0, 0},
                1e-6);
   ExpectParams(
-      Convert("RADIAL_FISHEYE", {1000, 407, 295, 0.05, -0.02}, "OPENCV_FISHEYE"),
+      Convert(
+          "RADIAL_FISHEYE", {1000, 407, 295, 0.05, -0.02}, "OPENCV_FISHEYE"),
       {1000, 1000, 407, 295, 0.05, -0.02, 0, 0},
       1e-4);
 }
@@ -80,8 +81,8 @@ TEST(CameraConversion, OpencvToFullOpencvKeepsProjections) {
       1000, 1004, 407, 295, -0.1, 0.05, 0.002, -0.001};
   const std::vector<double> target = Convert("OPENCV", source, "FULL_OPENCV");
   EXPECT_LT(RmsDifference("OPENCV", source, "FULL_OPENCV", target), 1e-6);
-  ExpectParams({target.begin(), target.begin() + 4}, {1000, 1004, 407, 295},
-               1e-6);
+  ExpectParams(
+      {target.begin(), target.begin() + 4}, {1000, 1004, 407, 295}, 1e-6);
 }
 
 TEST(CameraConversion, StrongDistortionStaysExact) {
@@ -156,9 +157,8 @@ TEST(CameraConversion, IsTheLeastSquaresFitOtherwise) {
 
 TEST(CameraConversion, OpencvToSimpleRadialDropsTangentialDistortion) {
   const std::vector<double> source = {1000, 1000, 407, 295, -0.1, 0, 0, 0};
-  ExpectParams(Convert("OPENCV", source, "SIMPLE_RADIAL"),
-               {1000, 407, 295, -0.1},
-               1e-6);
+  ExpectParams(
+      Convert("OPENCV", source, "SIMPLE_RADIAL"), {1000, 407, 295, -0.1}, 1e-6);
 }
 
 class FovTest : public testing::TestWithParam<double> {};
@@ -178,16 +178,14 @@ TEST_P(FovTest, ConvertsToPolynomialsAndBack) {
 
 TEST_P(FovTest, ConvertsToItself) {
   const std::vector<double> fov = {1000, 1004, 407, 295, GetParam()};
-  EXPECT_LT(RmsDifference("FOV", fov, "FOV", Convert("FOV", fov, "FOV")),
-            1e-4);
+  EXPECT_LT(RmsDifference("FOV", fov, "FOV", Convert("FOV", fov, "FOV")), 1e-4);
 }
 
 TEST(CameraConversion, RefusesWhatCannotBeInverted) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(Convert("SIMPLE_RADIAL", {1000, 407, 295, nan}, "RADIAL"),
                InputError);
-  EXPECT_THROW(Convert("SIMPLE_PINHOLE", {0, 407, 295}, "PINHOLE"),
-               InputError);
+  EXPECT_THROW(Convert("SIMPLE_PINHOLE", {0, 407, 295}, "PINHOLE"), InputError);
 }
 
 }  // namespace

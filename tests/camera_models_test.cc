@@ -112,7 +112,8 @@ TEST_P(CameraModelTest, JacobianEqualsCentralDifferences) {
       Eigen::Vector2d xy_minus;
       model_.Project(plus.data(), uv.x(), uv.y(), xy_plus.data());
       model_.Project(minus.data(), uv.x(), uv.y(), xy_minus.data());
-      const Eigen::Vector2d numeric = (xy_plus - xy_minus) / (plus[i] - minus[i]);
+      const Eigen::Vector2d numeric =
+          (xy_plus - xy_minus) / (plus[i] - minus[i]);
       // Rounding of the difference of two pixel coordinates, see param_step.
       EXPECT_LT((jacobian.col(i) - numeric).norm(),
                 1e-6 * jacobian.col(i).norm() + 2e-13 / param_step)

@@ -27,7 +27,6 @@ void ExpectRefused(const MultiFrameOptions& options, const std::string& name) {
 struct DoubleOption {
   const char* name;
   double MultiFrameOptions::*member;
-  double minimum;
 };
 
 class DoubleOptionTest : public testing::TestWithParam<DoubleOption> {};
@@ -37,20 +36,28 @@ INSTANTIATE_TEST_SUITE_P(
     DoubleOptionTest,
     testing::Values(
         DoubleOption{"rotation_prior_weight",
-                     &MultiFrameOptions::rotation_prior_weight, 0},
+                     &MultiFrameOptions::rotation_prior_weight},
         DoubleOption{"translation_prior_weight",
-                     &MultiFrameOptions::translation_prior_weight, 0},
+                     &MultiFrameOptions::translation_prior_weight},
         DoubleOption{"featuremetric_weight",
-                     &MultiFrameOptions::featuremetric_weight, 0},
+                     &MultiFrameOptions::featuremetric_weight},
         DoubleOption{"focal_variance_weight",
-                     &MultiFrameOptions::focal_variance_weight, 0},
+                     &MultiFrameOptions::focal_variance_weight},
         DoubleOption{"principal_point_variance_weight",
-                     &MultiFrameOptions::principal_point_variance_weight, 0},
+                     &MultiFrameOptions::principal_point_variance_weight},
         DoubleOption{"extra_params_variance_weight",
-                     &MultiFrameOptions::extra_params_variance_weight, 0},
-        DoubleOption{"max_prior_weight",
-                     &MultiFrameOptions::max_prior_weight, 0},
-        DoubleOption{"loss_scale", &MultiFrameOptions::loss_scale, 0}),
+                     &MultiFrameOptions::extra_params_variance_weight},
+        DoubleOption{"max_prior_weight", &MultiFrameOptions::max_prior_weight},
+        DoubleOption{"held_out_share", &MultiFrameOptions::held_out_share},
+        DoubleOption{"extrinsics_rotation_std_deg",
+                     &MultiFrameOptions::extrinsics_rotation_std_deg},
+        DoubleOption{"extrinsics_translation_std",
+                     &MultiFrameOptions::extrinsics_translation_std},
+        DoubleOption{"prior_focal_std", &MultiFrameOptions::prior_focal_std},
+        DoubleOption{"prior_principal_point_std",
+                     &MultiFrameOptions::prior_principal_point_std},
+        DoubleOption{"min_information", &MultiFrameOptions::min_information},
+        DoubleOption{"loss_scale", &MultiFrameOptions::loss_scale}),
     [](const auto& info) { return info.param.name; });
 
 TEST_P(DoubleOptionTest, RefusesNanInfinityAndNegativeValues) {
@@ -96,7 +103,7 @@ TEST(MultiFrameOptions, RefusesWhatHasNoSense) {
     refused("use_gpu", &Options::use_gpu, value);
   }
   refused("gpu_index", &Options::gpu_index, -2);
-  for (const int value : {-2, 0}) {
+  for (const int value : {-2}) {
     refused("num_threads", &Options::num_threads, value);
   }
   for (const char* value : {"", "Paper", "fast"}) {
@@ -112,6 +119,29 @@ TEST(MultiFrameOptions, RefusesWhatHasNoSense) {
   ExpectRefused(options, "refine_focal_length");
   options.refine_extra_params = true;
   EXPECT_NO_THROW(options.Check());
+}
+
+TEST(MultiFrameOptions, PriorsOnIntrinsicsNeedPriorIntrinsics) {
+  for (const auto member : {&MultiFrameOptions::prior_focal_std,
+                            &MultiFrameOptions::prior_principal_point_std}) {
+    MultiFrameOptions options;
+    options.*member = 5.0;
+    ExpectRefused(options, "use_prior_intrinsics");
+    options.use_prior_intrinsics = true;
+    EXPECT_NO_THROW(options.Check());
+  }
+}
+
+TEST(MultiFrameOptions, HeldOutTracksNeedALastSolveOnly) {
+  MultiFrameOptions options;
+  options.ApplyPreset("accurate");
+  options.held_out_share = 0.1;
+  EXPECT_NO_THROW(options.Check());
+  options.held_out_share = 0.51;
+  ExpectRefused(options, "held_out_share");
+  options.ApplyPreset("paper");
+  options.held_out_share = 0.1;
+  ExpectRefused(options, "held_out_share");
 }
 
 TEST(MultiFrameOptions, MessageNamesValueAndBound) {

@@ -80,9 +80,10 @@ TEST(RotationPrior, IsRRhatTransposedNotRhatTransposedR) {
   const Eigen::Quaterniond known = Rotation(Eigen::Vector3d(0, 0, M_PI / 2));
   const Eigen::Quaterniond rotation =
       Rotation(Eigen::Vector3d(M_PI / 2, 0, 0)) * known;
-  EXPECT_LT((RotationResidual(rotation, known) -
-             Eigen::Vector3d(M_PI / 2, 0, 0)).norm(),
-            1e-14);
+  EXPECT_LT(
+      (RotationResidual(rotation, known) - Eigen::Vector3d(M_PI / 2, 0, 0))
+          .norm(),
+      1e-14);
 }
 
 TEST(RotationPrior, NormIsTheAngleForRandomRotations) {
@@ -105,9 +106,10 @@ TEST(RotationPrior, SignAndNormOfQuaternionDoNotMatter) {
     EXPECT_LT((RotationResidual(minus_a, b) - expected).norm(), 1e-13);
     EXPECT_LT((RotationResidual(a, minus_b) - expected).norm(), 1e-13);
     EXPECT_LT((RotationResidual(minus_a, minus_b) - expected).norm(), 1e-13);
-    EXPECT_LT((RotationResidual(Eigen::Quaterniond(3.0 * a.coeffs()), b) -
-               expected).norm(),
-              1e-13);
+    EXPECT_LT(
+        (RotationResidual(Eigen::Quaterniond(3.0 * a.coeffs()), b) - expected)
+            .norm(),
+        1e-13);
   }
 }
 
@@ -147,8 +149,7 @@ TEST(RotationPrior, JacobianEqualsCentralDifferences) {
     const std::unique_ptr<ceres::CostFunction> cost(
         RotationPriorCost::Create(known));
     const Eigen::Vector4d qvec = Qvec(rotation);
-    ExpectJacobiansMatch(
-        *cost, {{qvec.data(), qvec.data() + 4}}, 1e-7, 1e-6);
+    ExpectJacobiansMatch(*cost, {{qvec.data(), qvec.data() + 4}}, 1e-7, 1e-6);
   }
 }
 

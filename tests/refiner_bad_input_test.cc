@@ -2,7 +2,6 @@
 // message.
 
 #include <random>
-#include <regex>
 
 #include "tests/refiner_runner.h"
 
@@ -141,16 +140,16 @@ TEST_F(BadInputTest, TruncatedBinaryModels) {
 // crashes or ends in something that is not a number.
 TEST_F(BadInputTest, ChangedBytesOfBinaryModels) {
   std::mt19937 random(1);
-  const std::regex nan(R"(\bnan\b|null)");
   for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
     const std::string path = ModelPath("frame000001") + "/" + name;
     const std::string content = ReadFile(path);
-    for (int i = 0; i < 25; ++i) {
+    for (int i = 0; i < 20; ++i) {
       std::string changed = content;
       const size_t end = i % 2 == 0 ? 200 : changed.size();
       changed[random() % end] = static_cast<char>(random() % 256);
       WriteFile(path, changed);
-      const CommandResult result = Refine({}, 20);
+      const CommandResult result =
+          Refine({{"MultiFrame.max_num_iterations", "15"}}, 20);
       if (result.exit_code == kExitSuccess) {
         for (const auto& [camera, params] : Params()) {
           for (const double value : params) {
@@ -342,13 +341,12 @@ TEST_F(BadInputTest, RigFiles) {
   ExpectError(kExitBadInput,
               {"cameras.txt:"},
               {{"extrinsics_path", Path("rig/cameras.txt")}});
-  for (const std::string& content :
-       {std::string(),
-        std::string("nonsense\n"),
-        krt.substr(0, krt.size() / 2 + 7),
-        krt + krt,
-        std::regex_replace(krt, std::regex("^cam01"), "cam00"),
-        std::string(1000, '\xff')}) {
+  for (const std::string& content : {std::string(),
+                                     std::string("nonsense\n"),
+                                     krt.substr(0, krt.size() / 2 + 7),
+                                     krt + krt,
+                                     Replaced(krt, "\ncam01\n", "\ncam00\n"),
+                                     std::string(1000, '\xff')}) {
     WriteFile(Path("KRT"), content);
     SCOPED_TRACE(content.substr(0, 100));
     ExpectError(

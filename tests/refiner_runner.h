@@ -48,12 +48,14 @@ inline std::string ShellQuoted(const std::string& text) {
   return quoted + "'";
 }
 
-// Runs the program of the build; `limit_s` ends a run that hangs (exit code
-// 124).
+// Runs the program of the build, or the one that the environment variable
+// MFIR_COLMAP_EXE names; `limit_s` ends a run that hangs (exit code 124).
 inline CommandResult RunColmap(const std::vector<std::string>& arguments,
                                int limit_s = 60) {
+  const char* program = std::getenv("MFIR_COLMAP_EXE");
   std::string command_line =
-      "timeout " + std::to_string(limit_s) + " " + ShellQuoted(MFIR_COLMAP_EXE);
+      "timeout " + std::to_string(limit_s) + " " +
+      ShellQuoted(program != nullptr ? program : MFIR_COLMAP_EXE);
   for (const std::string& argument : arguments) {
     command_line += " " + ShellQuoted(argument);
   }
@@ -142,8 +144,9 @@ class RefinerTest : public testing::Test {
 
   CameraParams Params(const std::string& output = "out",
                       const std::string& key = "params") const {
+    const nlohmann::json summary = Summary(output);
     CameraParams params;
-    for (const nlohmann::json& camera : Summary(output)["cameras"]) {
+    for (const nlohmann::json& camera : summary["cameras"]) {
       for (const nlohmann::json& value : camera[key]) {
         params[camera["name"]].push_back(value.is_null() ? NAN
                                                          : value.get<double>());

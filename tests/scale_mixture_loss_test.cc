@@ -1,5 +1,6 @@
 #include "src/scale_mixture_loss.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -150,7 +151,8 @@ TEST(ScaleMixtureLoss, FarOutliersCountAsOutliers) {
   samples.resize(10000, {1e12, 1.0});
   const ScaleMixtureLoss loss(samples);
   EXPECT_NEAR(loss.OutlierShare(), 0.1, 0.01);
-  EXPECT_NEAR(loss.CoreStd(), 0.5, 0.05);
+  // Sigmas of the mixture are a factor of 1.41 apart.
+  EXPECT_NEAR(loss.CoreStd(), 0.5, 0.075);
   ExpectValidLoss(loss);
 }
 

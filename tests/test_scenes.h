@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include <ceres/cost_function.h>
+#include <ceres/ceres.h>
 #include <gtest/gtest.h>
 
 #include "colmap_ext/camera_models.h"
@@ -101,9 +101,9 @@ struct TestSceneOptions {
   std::string model = "PINHOLE";
   size_t num_cameras = 8;
   size_t num_frames = 2;
-  size_t num_points = 100;    // per frame
-  size_t track_length = 0;    // 0: all cameras
-  double noise = 0.5;         // px per axis
+  size_t num_points = 100;  // per frame
+  size_t track_length = 0;  // 0: all cameras
+  double noise = 0.5;       // px per axis
   double outlier_share = 0.0;
   double outlier_size = 30.0;  // px
   double start_error = 1.0;    // 1: focal lengths off by 1 %, see MakeTestScene
@@ -126,6 +126,7 @@ inline TestScene MakeTestScene(const TestSceneOptions& options) {
     RigCamera camera;
     camera.name = "cam" + std::to_string(truth.cameras.size());
     camera.cam_from_world = pose;
+    camera.known_cam_from_world = pose;
     camera.model = model;
     camera.width = kTestWidth;
     camera.height = kTestHeight;
@@ -136,6 +137,7 @@ inline TestScene MakeTestScene(const TestSceneOptions& options) {
     for (const size_t idx : model->PrincipalPointIdxs()) {
       camera.params[idx] += random.Normal(0.0, 5.0);
     }
+    camera.prior_params = camera.params;
     truth.cameras.push_back(camera);
   }
 
@@ -154,6 +156,7 @@ inline TestScene MakeTestScene(const TestSceneOptions& options) {
   result.start = truth;
   for (RigCamera& camera : result.start.cameras) {
     camera.params = wrong(camera.params);
+    camera.prior_params = camera.params;
   }
   for (size_t f = 0; f < options.num_frames; ++f) {
     Frame frame;
@@ -197,8 +200,8 @@ inline TestScene MakeTestScene(const TestSceneOptions& options) {
       }
       frame.points.push_back(xyz);
       frame.track_begins.push_back(frame.observations.size());
-      start.points.push_back(
-          xyz + RandomVector(&random, 0.01 * options.start_error));
+      start.points.push_back(xyz +
+                             RandomVector(&random, 0.01 * options.start_error));
     }
     start.track_begins = frame.track_begins;
     truth.frames.push_back(frame);
@@ -229,14 +232,58 @@ inline ceres::CostFunction* ColmapCost(const CameraModel& model,
                              pose.rotation.y(),
                              pose.rotation.z());
   switch (CameraModelId(model)) {
-#define CAMERA_MODEL_CASE(Model)                                    \
-  case colmap::Model::kModelId:                                     \
-    return colmap::BundleAdjustmentConstantPoseCostFunction<        \
+#define CAMERA_MODEL_CASE(Model)                             \
+  case colmap::Model::kModelId:                              \
+    return colmap::BundleAdjustmentConstantPoseCostFunction< \
         colmap::Model>::Create(qvec, pose.translation, xy);
     CAMERA_MODEL_CASES
 #undef CAMERA_MODEL_CASE
   }
   return nullptr;
+}
+
+// Reprojection errors of all observations under the rig's extrinsics, with
+// COLMAP's residuals. The loss must outlive the problem.
+inline void AddReprojectionErrors(const ceres::LossFunction* loss,
+                                  Scene* scene,
+                                  ceres::Problem* problem) {
+  for (Frame& frame : scene->frames) {
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        RigCamera& camera =
+            scene->cameras[frame.images[observation.image_idx].camera_idx];
+        problem->AddResidualBlock(
+            ColmapCost(*camera.model, camera.cam_from_world, observation.xy),
+            const_cast<ceres::LossFunction*>(loss),
+            frame.points[i].data(),
+            camera.params.data());
+      }
+    }
+  }
+}
+
+// For losses that the problem does not own.
+inline ceres::Problem::Options SharedLoss() {
+  ceres::Problem::Options options;
+  options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  return options;
+}
+
+// To the last digit that the cost resolves.
+inline double SolveTightly(ceres::Problem* problem) {
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_SCHUR;
+  options.max_num_iterations = 500;
+  options.function_tolerance = 1e-17;
+  options.gradient_tolerance = 1e-17;
+  options.parameter_tolerance = 1e-13;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, problem, &summary);
+  EXPECT_TRUE(summary.IsSolutionUsable());
+  return summary.final_cost;
 }
 
 // Largest |a - b| / max(|b|, 1) over all intrinsics of the rig.

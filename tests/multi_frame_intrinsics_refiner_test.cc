@@ -1,0 +1,590 @@
+// The refiner from end to end: every kind of input, and what it writes.
+
+#include <fstream>
+
+#include "colmap_ext/camera_models.h"
+#include "colmap_ext/rig_io.h"
+#include "tests/refiner_runner.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+class MultiFrameRefinerTest : public RefinerTest {
+ protected:
+  static constexpr const char* kFrames[] = {
+      "frame000000", "frame000001", "frame000002"};
+
+  void SetUp() override {
+    RefinerTest::SetUp();
+    ExpectRefines({{"output_path", Path("reference")}});
+    reference_ = Params("reference");
+  }
+
+  // Expects the result of the capture as it was made.
+  void ExpectSameResult(const CommandOptions& options = {}) const {
+    ExpectRefines(options);
+    EXPECT_LT(MaxRelativeDifference(reference_, Params()), 1e-9)
+        << testing::PrintToString(options);
+  }
+
+  // Moves the model of a frame to FRAME/`folder`.
+  void MoveModel(const std::string& frame, const std::string& folder) const {
+    fs::rename(ModelPath(frame), Path("model"));
+    fs::remove_all(Path("frames/" + frame));
+    fs::create_directories(
+        fs::path(Path("frames/" + frame + "/" + folder + "x")).parent_path());
+    if (folder.empty()) fs::remove_all(Path("frames/" + frame));
+    fs::rename(Path("model"), Path("frames/" + frame + "/" + folder));
+  }
+
+  void WriteOpenCVRig(double shift) const {
+    const Rig rig = ReadRig(Path("rig"), "colmap", CameraNaming(), NAN);
+    std::ostringstream intri, extri;
+    intri.precision(17);
+    extri.precision(17);
+    const auto matrix = [](std::ostream& stream,
+                           const std::string& name,
+                           int rows,
+                           int cols,
+                           const std::vector<double>& values) {
+      stream << name << ": !!opencv-matrix\n   rows: " << rows
+             << "\n   cols: " << cols << "\n   dt: d\n   data: [";
+      for (size_t i = 0; i < values.size(); ++i) {
+        stream << (i == 0 ? "" : ", ") << values[i];
+      }
+      stream << "]\n";
+    };
+    intri << "%YAML:1.0\n---\nnames:\n";
+    extri << "%YAML:1.0\n---\nnames:\n";
+    for (const KnownCamera& camera : rig.cameras) {
+      intri << "   - \"" << camera.name << "\"\n";
+      extri << "   - \"" << camera.name << "\"\n";
+    }
+    for (const KnownCamera& camera : rig.cameras) {
+      const auto& p = camera.params;
+      matrix(intri,
+             "K_" + camera.name,
+             3,
+             3,
+             {p[0], 0, p[2] + shift, 0, p[1], p[3] + shift, 0, 0, 1});
+      matrix(intri, "dist_" + camera.name, 5, 1, {0, 0, 0, 0, 0});
+      const Eigen::Matrix3d R =
+          camera.cam_from_world.rotation.toRotationMatrix();
+      const Eigen::Vector3d& t = camera.cam_from_world.translation;
+      matrix(extri,
+             "Rot_" + camera.name,
+             3,
+             3,
+             {R(0, 0),
+              R(0, 1),
+              R(0, 2),
+              R(1, 0),
+              R(1, 1),
+              R(1, 2),
+              R(2, 0),
+              R(2, 1),
+              R(2, 2)});
+      matrix(extri, "T_" + camera.name, 3, 1, {t(0), t(1), t(2)});
+    }
+    WriteFile(Path("opencv/intri.yml"), intri.str());
+    WriteFile(Path("opencv/extri.yml"), extri.str());
+  }
+
+  CameraParams reference_;
+};
+
+// Input -----------------------------------------------------------------------
+
+TEST_F(MultiFrameRefinerTest, TextAndBinaryModels) {
+  for (const char* frame : kFrames) {
+    const colmap::Reconstruction model = Read(ModelPath(frame));
+    fs::remove_all(ModelPath(frame));
+    WriteText(model, ModelPath(frame));
+  }
+  ExpectSameResult();
+  const colmap::Reconstruction rig = Read(Path("rig"));
+  fs::remove_all(Path("rig"));
+  WriteBinary(rig, Path("rig"));
+  ExpectSameResult();
+  fs::remove(Path("rig/points3D.bin"));
+  ExpectSameResult();
+}
+
+TEST_F(MultiFrameRefinerTest, FolderVariants) {
+  MoveModel("frame000000", "");
+  MoveModel("frame000001", "0/");
+  MoveModel("frame000002", "sparse/");
+  ExpectSameResult();
+  fs::rename(Path("frames/frame000002/sparse"),
+             Path("frames/frame000002/refined"));
+  ExpectSameResult();
+}
+
+TEST_F(MultiFrameRefinerTest, ModelWithMostRegisteredImagesWins) {
+  for (const char* folder : {"sparse/1", "", "0", "sparse", "refined"}) {
+    colmap::Reconstruction part = Read(ModelPath("frame000001"));
+    KeepImages(5, &part);
+    WriteBinary(part, Path(std::string("frames/frame000001/") + folder));
+  }
+  ExpectSameResult();
+  fs::rename(Path("frames/frame000001/sparse/0"), Path("complete"));
+  fs::rename(Path("frames/frame000001/sparse/1"),
+             Path("frames/frame000001/sparse/0"));
+  fs::rename(Path("complete"), Path("frames/frame000001/sparse/1"));
+  ExpectSameResult();
+}
+
+TEST_F(MultiFrameRefinerTest, RigFormatsGiveTheSameResult) {
+  const auto expect_same = [this](const CommandOptions& options) {
+    ExpectRefines(options);
+    // KRT and OpenCV hold the rotation with the rounding of a matrix.
+    EXPECT_LT(MaxRelativeDifference(reference_, Params()), 1e-8)
+        << testing::PrintToString(options);
+  };
+  WriteOpenCVRig(-0.5);
+  expect_same({{"extrinsics_path", Path("KRT")}});
+  EXPECT_EQ(Summary()["inputs"]["extrinsics_format"], "krt");
+  expect_same({{"extrinsics_path", Path("KRT")}, {"extrinsics_format", "krt"}});
+  expect_same({{"extrinsics_path", Path("opencv")}});
+  EXPECT_EQ(Summary()["inputs"]["extrinsics_format"], "opencv");
+  expect_same(
+      {{"extrinsics_path", Path("opencv")}, {"extrinsics_format", "opencv"}});
+  // The intrinsics of RIG are not used.
+  expect_same({{"extrinsics_path", Path("opencv")},
+               {"extrinsics_pixel_offset", "100"}});
+  fs::remove(Path("opencv/intri.yml"));
+  expect_same({{"extrinsics_path", Path("opencv")}});
+}
+
+TEST_F(MultiFrameRefinerTest, PixelOffsetOfTheRigFormats) {
+  WriteOpenCVRig(0.0);
+  const auto initial_cx = [this](CommandOptions options) {
+    options["MultiFrame.use_prior_intrinsics"] = "1";
+    ExpectRefines(options);
+    return Params("out", "params_initial").at("cam03")[2];
+  };
+  const double cx = Read(Path("rig")).Camera(4).Params(2);
+  EXPECT_NEAR(initial_cx({}), cx, 1e-9);
+  EXPECT_NEAR(initial_cx({{"extrinsics_path", Path("KRT")}}), cx, 1e-9);
+  EXPECT_NEAR(
+      initial_cx({{"extrinsics_path", Path("opencv")}}), cx + 0.5, 1e-9);
+  EXPECT_NEAR(initial_cx({{"extrinsics_path", Path("opencv")},
+                          {"extrinsics_pixel_offset", "0"}}),
+              cx,
+              1e-9);
+  EXPECT_NEAR(initial_cx({{"extrinsics_path", Path("KRT")},
+                          {"extrinsics_pixel_offset", "0.25"}}),
+              cx + 0.25,
+              1e-9);
+}
+
+TEST_F(MultiFrameRefinerTest, CameraNames) {
+  const auto rename = [this](const std::function<std::string(int)>& in_frames,
+                             const std::function<std::string(int)>& in_rig) {
+    const auto new_name = [](const auto& f) {
+      return [f](const std::string& name) {
+        // The number behind "cam", or the first one of an earlier renaming.
+        return f(std::stoi(name.substr(name.find_first_of("0123456789"))));
+      };
+    };
+    ChangeFrames([&](colmap::Reconstruction* model) {
+      RenameImages(new_name(in_frames), model);
+    });
+    colmap::Reconstruction rig = Read(Path("rig"));
+    RenameImages(new_name(in_rig), &rig);
+    WriteText(rig, Path("rig"));
+  };
+  const auto expect_same = [this](const CommandOptions& options = {}) {
+    ExpectRefines(options);
+    CameraParams params;
+    for (const auto& [name, values] : Params()) {
+      const std::string number = name.substr(name.find_first_of("0123456789"));
+      params["cam0" + std::to_string(std::stoi(number))] = values;
+    }
+    EXPECT_LT(MaxRelativeDifference(reference_, params), 1e-9);
+  };
+  const auto text = [](int i) { return std::to_string(i); };
+
+  rename([&](int i) { return "camera" + text(i) + "_frame17.jpg"; },
+         [&](int i) { return "camera" + text(i) + "_frame1.png"; });
+  expect_same();
+  EXPECT_EQ(Summary()["cameras"][3]["name"], "3");
+  rename([&](int i) { return text(i) + "/image.jpg"; },
+         [&](int i) { return "00" + text(i) + ".png"; });
+  expect_same();
+  rename([&](int i) { return "0000" + text(i) + ".png"; },
+         [&](int i) { return text(i); });
+  expect_same();
+  rename([&](int i) { return "x" + text(i) + "y_take2.png"; },
+         [&](int i) { return "a/x" + text(i) + "y.png"; });
+  EXPECT_EQ(Refine().exit_code, kExitBadInput);
+  expect_same({{"MultiFrame.camera_name_regex", "(x\\d+y)"}});
+}
+
+TEST_F(MultiFrameRefinerTest, ImageNamesWithSpacesAreKept) {
+  const auto new_name = [](const std::string& name) { return "my " + name; };
+  ChangeFrames(
+      [&](colmap::Reconstruction* model) { RenameImages(new_name, model); });
+  colmap::Reconstruction rig = Read(Path("rig"));
+  RenameImages(new_name, &rig);
+  fs::remove_all(Path("rig"));
+  WriteBinary(rig, Path("rig"));
+  ExpectRefines();
+  EXPECT_EQ(Read(Path("out/rig")).Image(1).Name(), "my cam00.png");
+}
+
+TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
+  // cam07 not registered in frame 0; cam06 nowhere; cam05 not in RIG.
+  ChangeFrame("frame000000", [](colmap::Reconstruction* model) {
+    model->DeRegisterImage(8);
+    model->TearDown();
+  });
+  ChangeFrames([](colmap::Reconstruction* model) {
+    model->DeRegisterImage(7);
+    model->TearDown();
+  });
+  colmap::Reconstruction rig = Read(Path("rig"));
+  rig.DeRegisterImage(6);
+  rig.TearDown();
+  WriteText(rig, Path("rig"));
+  ExpectRefines();
+  const nlohmann::json summary = Summary();
+  EXPECT_EQ(summary["inputs"]["num_rig_cameras"], 7);
+  EXPECT_EQ(summary["inputs"]["cameras_without_images"],
+            nlohmann::json({"cam06"}));
+  EXPECT_EQ(summary["inputs"]["images_without_camera"],
+            nlohmann::json({"frame000000/cam05.png",
+                            "frame000001/cam05.png",
+                            "frame000002/cam05.png"}));
+  EXPECT_EQ(summary["cameras"].size(), 6);
+  EXPECT_EQ(summary["cameras"][5]["name"], "cam07");
+  EXPECT_EQ(summary["cameras"][5]["num_frames"], 2);
+  EXPECT_EQ(summary["frames"][0]["num_images"], 5);
+  EXPECT_EQ(Read(Path("out/rig")).NumRegImages(), 6);
+  EXPECT_EQ(Read(Path("out/frames/frame000001")).NumRegImages(), 6);
+  // They also stand in the log.
+  EXPECT_NE(Refine().output.find("'cam06' of the rig has no image"),
+            std::string::npos);
+}
+
+// An image without points must not take the later ones with it.
+TEST_F(MultiFrameRefinerTest, ImagesWithoutPoints) {
+  ChangeFrames([](colmap::Reconstruction* model) {
+    model->Image(2).SetPoints2D(std::vector<colmap::Point2D>());
+    const auto ids = model->Point3DIds();
+    for (const colmap::point3D_t id : ids) {
+      colmap::Track track;
+      for (const auto& element : model->Point3D(id).Track().Elements()) {
+        if (element.image_id != 2) track.AddElement(element);
+      }
+      model->Point3D(id).SetTrack(track);
+    }
+  });
+  ExpectRefines();
+  const nlohmann::json summary = Summary();
+  ASSERT_EQ(summary["cameras"].size(), 8);
+  for (size_t i = 0; i < 8; ++i) {
+    const bool empty = i == 1;
+    EXPECT_EQ(summary["cameras"][i]["num_observations"] == 0, empty) << i;
+    EXPECT_EQ(summary["cameras"][i]["rms_px_after"].is_null(), empty);
+    const bool same = summary["cameras"][i]["params"] ==
+                      summary["cameras"][i]["params_initial"];
+    EXPECT_EQ(same, empty) << i;
+  }
+  EXPECT_EQ(summary["cameras"][1]["flags"][0], "no_observations");
+}
+
+TEST_F(MultiFrameRefinerTest, WeakFramesAreSkippedWithAReason) {
+  const auto expect_skipped = [this](const std::string& frame,
+                                     const std::string& reason) {
+    ExpectRefines();
+    const nlohmann::json summary = Summary();
+    for (const nlohmann::json& json : summary["frames"]) {
+      const bool skipped = json["name"] == frame;
+      EXPECT_EQ(json["status"], skipped ? "skipped" : "used") << json;
+      EXPECT_EQ(
+          json["reason"].get<std::string>().find(reason) != std::string::npos,
+          skipped)
+          << json;
+      EXPECT_EQ(
+          fs::exists(Path("out/frames/" + json["name"].get<std::string>())),
+          !skipped);
+    }
+  };
+  for (const char* frame : kFrames) {
+    SCOPED_TRACE(frame);
+    const colmap::Reconstruction model = Read(ModelPath(frame));
+    ChangeFrame(frame, [](colmap::Reconstruction* m) { KeepImages(2, m); });
+    expect_skipped(frame, "only 2 of its images");
+    WriteBinary(model, ModelPath(frame));
+    ChangeFrame(frame, [](colmap::Reconstruction* m) { RemovePoints(m); });
+    expect_skipped(frame, "no points");
+    fs::remove_all(ModelPath(frame));
+    expect_skipped(frame, "no sparse model");
+    WriteBinary(model, ModelPath(frame));
+    ChangeFrame(frame, [](colmap::Reconstruction* m) {
+      for (int i = 1; i <= 8; ++i) {
+        m->Image(i).SetTvec(m->Image(i).Tvec() +
+                            5.0 * Eigen::Vector3d::Random());
+      }
+    });
+    expect_skipped(frame, "camera poses fit");
+    WriteBinary(model, ModelPath(frame));
+  }
+}
+
+TEST_F(MultiFrameRefinerTest, FrameList) {
+  WriteFile(Path("list"), "# chosen\r\nframe000002\r\n\n frame000000 \n");
+  ExpectRefines({{"frame_list_path", Path("list")}});
+  const nlohmann::json summary = Summary();
+  ASSERT_EQ(summary["frames"].size(), 2);
+  EXPECT_EQ(summary["frames"][0]["name"], "frame000000");
+  EXPECT_EQ(summary["frames"][1]["name"], "frame000002");
+  const CameraParams listed = Params();
+  fs::remove_all(Path("frames/frame000001"));
+  ExpectRefines();
+  EXPECT_EQ(MaxRelativeDifference(listed, Params()), 0.0);
+}
+
+// Output ----------------------------------------------------------------------
+
+TEST_F(MultiFrameRefinerTest, AllFilesOfTheResult) {
+  std::vector<std::string> names;
+  for (const auto& name_and_file : Files("reference")) {
+    names.push_back(name_and_file.first);
+    const bool may_be_empty =
+        name_and_file.first.find("points3D") != std::string::npos;
+    EXPECT_TRUE(may_be_empty || !name_and_file.second.empty());
+  }
+  const std::vector<std::string> expected = {"KRT",
+                                             "frames/frame000000/cameras.bin",
+                                             "frames/frame000000/images.bin",
+                                             "frames/frame000000/points3D.bin",
+                                             "frames/frame000001/cameras.bin",
+                                             "frames/frame000001/images.bin",
+                                             "frames/frame000001/points3D.bin",
+                                             "frames/frame000002/cameras.bin",
+                                             "frames/frame000002/images.bin",
+                                             "frames/frame000002/points3D.bin",
+                                             "history.csv",
+                                             "project.ini",
+                                             "rig/cameras.bin",
+                                             "rig/cameras.txt",
+                                             "rig/images.bin",
+                                             "rig/images.txt",
+                                             "rig/points3D.bin",
+                                             "rig/points3D.txt",
+                                             "summary.json"};
+  EXPECT_EQ(names, expected);
+}
+
+TEST_F(MultiFrameRefinerTest, SummaryHasTheKeysOfTheContract) {
+  ExpectRefines({{"ground_truth_path", Path("ground_truth")}});
+  const nlohmann::json summary = Summary();
+  const auto expect_keys = [](const nlohmann::json& object,
+                              const std::vector<std::string>& keys) {
+    for (const std::string& key : keys) {
+      EXPECT_TRUE(object.contains(key)) << key << " is not in " << object;
+    }
+  };
+  EXPECT_EQ(summary["schema_version"], 1);
+  expect_keys(summary,
+              {"tool",
+               "options",
+               "inputs",
+               "frames",
+               "cameras",
+               "stages",
+               "result",
+               "timings_s",
+               "peak_rss_bytes",
+               "evaluation"});
+  expect_keys(summary["tool"], {"version", "colmap_version", "git"});
+  for (const nlohmann::json& frame : summary["frames"]) {
+    expect_keys(frame,
+                {"name",
+                 "status",
+                 "reason",
+                 "num_images",
+                 "num_points",
+                 "num_observations",
+                 "alignment_rms"});
+  }
+  for (const nlohmann::json& camera : summary["cameras"]) {
+    expect_keys(camera,
+                {"name",
+                 "model",
+                 "width",
+                 "height",
+                 "params",
+                 "params_initial",
+                 "params_std",
+                 "num_frames",
+                 "num_observations",
+                 "rms_px_before",
+                 "rms_px_after",
+                 "flags"});
+    EXPECT_EQ(camera["params_std"].size(), 4);
+    EXPECT_GT(camera["rms_px_before"], camera["rms_px_after"]);
+  }
+  for (const nlohmann::json& stage : summary["stages"]) {
+    expect_keys(
+        stage,
+        {"index", "weights", "iterations", "time_s", "cost", "termination"});
+    expect_keys(stage["cost"], {"reprojection"});
+  }
+  expect_keys(summary["result"],
+              {"status", "rms_px_before", "rms_px_after", "held_out_rms_px"});
+  EXPECT_EQ(summary["result"]["status"], "converged");
+  EXPECT_GT(summary["peak_rss_bytes"], 1000000);
+  expect_keys(summary["evaluation"],
+              {"focal_abs", "focal_rel", "pp_abs", "pp_rel"});
+  EXPECT_FALSE(Summary("reference").contains("evaluation"));
+  // history.csv: a header, and a row per stage.
+  const std::string history = ReadFile(Path("out/history.csv"));
+  EXPECT_EQ(std::count(history.begin(), history.end(), '\n'),
+            1 + summary["stages"].size());
+}
+
+TEST_F(MultiFrameRefinerTest, ProjectFileReproducesTheResult) {
+  const CommandOptions options = {{"MultiFrame.loss_scale", "0.7"},
+                                  {"MultiFrame.camera_model", "SIMPLE_RADIAL"},
+                                  {"ground_truth_path", Path("ground_truth")}};
+  ExpectRefines(options);
+  const auto rig = Files("out/rig");
+  const std::string project = ReadFile(Path("out/project.ini"));
+  fs::copy(Path("out/project.ini"), Path("project.ini"));
+  fs::remove_all(Path("out"));
+  const CommandResult again = RunColmap({"multi_frame_intrinsics_refiner",
+                                         "--project_path",
+                                         Path("project.ini")});
+  ASSERT_EQ(again.exit_code, kExitSuccess) << again.error;
+  EXPECT_TRUE(rig == Files("out/rig"));
+  EXPECT_EQ(project, ReadFile(Path("out/project.ini")));
+  // The command line wins.
+  const CommandResult other = RunColmap({"multi_frame_intrinsics_refiner",
+                                         "--project_path",
+                                         Path("project.ini"),
+                                         "--output_path",
+                                         Path("other"),
+                                         "--MultiFrame.camera_model",
+                                         "PINHOLE"});
+  ASSERT_EQ(other.exit_code, kExitSuccess) << other.error;
+  EXPECT_EQ(Summary("other")["cameras"][0]["model"], "PINHOLE");
+  EXPECT_EQ(Summary("other")["options"]["MultiFrame.loss_scale"], 0.7);
+}
+
+TEST_F(MultiFrameRefinerTest, ProjectFileHoldsUnusualPaths) {
+  for (const std::string name : {"fr #1", "fr'\"=[x]"}) {
+    fs::rename(Path("frames"), Path(name));
+    ExpectRefines({{"input_path", Path(name)}});
+    const auto rig = Files("out/rig");
+    fs::copy(Path("out/project.ini"),
+             Path("project.ini"),
+             fs::copy_options::overwrite_existing);
+    const CommandResult again = RunColmap({"multi_frame_intrinsics_refiner",
+                                           "--project_path",
+                                           Path("project.ini")});
+    EXPECT_EQ(again.exit_code, kExitSuccess) << again.error;
+    EXPECT_TRUE(rig == Files("out/rig"));
+    fs::rename(Path(name), Path("frames"));
+  }
+}
+
+TEST_F(MultiFrameRefinerTest, ForeignSectionsOfAProjectFileAreSkipped) {
+  WriteFile(Path("project.ini"),
+            "database_path=x.db\n[SiftExtraction]\nuse_gpu=1\n[MultiFrame]\n"
+            "camera_model=SIMPLE_PINHOLE\n[Mapper]\nmin_num_matches=15\n");
+  ExpectRefines({{"project_path", Path("project.ini")}});
+  EXPECT_EQ(Summary()["cameras"][0]["model"], "SIMPLE_PINHOLE");
+}
+
+// "Fixed" means the same doubles.
+TEST_F(MultiFrameRefinerTest, ExtrinsicsAreBitIdentical) {
+  colmap::Reconstruction rig = Read(Path("rig"));
+  for (const bool binary : {false, true}) {
+    if (binary) {
+      fs::remove_all(Path("rig"));
+      WriteBinary(rig, Path("rig"));
+    }
+    const colmap::Reconstruction known = Read(Path("rig"));
+    ExpectRefines();
+    const colmap::Reconstruction refined = Read(Path("out/rig"));
+    for (const std::string& frame : {std::string("rig"),
+                                     std::string("frames/frame000000"),
+                                     std::string("frames/frame000002")}) {
+      const colmap::Reconstruction result = Read(Path("out/" + frame));
+      ASSERT_EQ(result.NumRegImages(), 8);
+      for (const colmap::image_t id : result.RegImageIds()) {
+        const colmap::Image* image =
+            known.FindImageWithName(result.Image(id).Name());
+        ASSERT_NE(image, nullptr);
+        EXPECT_EQ(result.Image(id).Qvec(), image->Qvec());
+        EXPECT_EQ(result.Image(id).Tvec(), image->Tvec());
+      }
+    }
+  }
+}
+
+TEST_F(MultiFrameRefinerTest, KRTKeepsTheMatricesOfKRT) {
+  ExpectRefines({{"extrinsics_path", Path("KRT")}});
+  const Rig known = ReadRig(Path("KRT"), "krt", CameraNaming(), NAN);
+  const Rig refined = ReadRig(Path("out/KRT"), "krt", CameraNaming(), NAN);
+  ASSERT_EQ(refined.cameras.size(), known.cameras.size());
+  for (size_t i = 0; i < known.cameras.size(); ++i) {
+    EXPECT_EQ(refined.cameras[i].name, known.cameras[i].name);
+    EXPECT_EQ(*refined.cameras[i].matrix, *known.cameras[i].matrix);
+    const std::vector<double> params = Params().at(known.cameras[i].name);
+    EXPECT_EQ(refined.cameras[i].params, params);
+  }
+}
+
+TEST_F(MultiFrameRefinerTest, FramesCarryTheGlobalIntrinsics) {
+  for (const char* frame : kFrames) {
+    const colmap::Reconstruction result =
+        Read(Path(std::string("reference/frames/") + frame));
+    const colmap::Reconstruction input = Read(ModelPath(frame));
+    EXPECT_EQ(result.NumPoints3D(), input.NumPoints3D());
+    EXPECT_EQ(result.ComputeNumObservations(), input.ComputeNumObservations());
+    for (const auto& [id, image] : result.Images()) {
+      EXPECT_EQ(result.Camera(image.CameraId()).Params(),
+                reference_.at(image.Name().substr(0, 5)));
+    }
+    // In the rig's coordinates: near the truth.
+    const colmap::Reconstruction truth =
+        Read(Path(std::string("ground_truth_frames/") + frame));
+    std::vector<double> errors;
+    for (const auto& [id, point] : result.Points3D()) {
+      errors.push_back((point.XYZ() - truth.Point3D(id).XYZ()).norm());
+    }
+    EXPECT_LT(colmap::Median(errors), 0.01);
+  }
+}
+
+TEST_F(MultiFrameRefinerTest, ResultIsInputAgain) {
+  // Of the evaluator.
+  const CommandResult evaluation = RunColmap({"multi_frame_evaluator",
+                                              "--input_path",
+                                              Path("reference"),
+                                              "--ground_truth_path",
+                                              Path("ground_truth"),
+                                              "--output_path",
+                                              Path("evaluation.json")});
+  EXPECT_EQ(evaluation.exit_code, kExitSuccess) << evaluation.error;
+  ExpectRefines({{"ground_truth_path", Path("ground_truth")}});
+  const nlohmann::json evaluated =
+      nlohmann::json::parse(ReadFile(Path("evaluation.json")));
+  EXPECT_EQ(evaluated["focal_abs"], Summary()["evaluation"]["focal_abs"]);
+  // Of a second run, where nothing is left to do; even into the same folder.
+  for (const std::string rig : {"rig", "KRT"}) {
+    ExpectRefines({{"input_path", Path("reference/frames")},
+                   {"extrinsics_path", Path("reference/" + rig)},
+                   {"output_path", Path("reference")}});
+    EXPECT_LT(MaxRelativeDifference(reference_, Params("reference")), 2e-3);
+  }
+}
+
+}  // namespace
+}  // namespace mfir
