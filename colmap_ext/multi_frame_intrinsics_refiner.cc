@@ -54,6 +54,10 @@ void AddPaths(RefinerOptions* options, OptionParser* parser) {
   parser->Add("frame_list_path",
               &options->frame_list_path,
               "File with the frames to use, one name per line");
+  parser->Add("constant_camera_list_path",
+              &options->constant_camera_list_path,
+              "File with cameras whose intrinsics stay at their start, one "
+              "name per line");
   parser->Add("extrinsics_format",
               &options->extrinsics_format,
               "auto, colmap, krt or opencv");
@@ -69,9 +73,7 @@ void AddPaths(RefinerOptions* options, OptionParser* parser) {
               "auto, colmap, krt or opencv");
 }
 
-void AddMultiFrameOptions(MultiFrameOptions* options,
-                          std::string* constant_camera_list_path,
-                          OptionParser* parser) {
+void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   const auto add = [&](const char* name, auto* value, const char* help) {
     parser->Add(std::string("MultiFrame.") + name, value, help);
   };
@@ -133,10 +135,6 @@ void AddMultiFrameOptions(MultiFrameOptions* options,
   add("prior_principal_point_std",
       &options->prior_principal_point_std,
       "The same for principal points (px)");
-  add("constant_camera_list_path",
-      constant_camera_list_path,
-      "File with cameras whose intrinsics stay at their start, one name per "
-      "line");
   add("min_information",
       &options->min_information,
       "Combinations of intrinsics about which the data say less (1/px^2) stay "
@@ -311,7 +309,7 @@ void HoldConstantCameras(const std::string& path, Scene* scene) {
   if (path.empty()) return;
   std::ifstream file(path);
   if (!file) {
-    throw InputError("--MultiFrame.constant_camera_list_path " + path +
+    throw InputError("--constant_camera_list_path " + path +
                      ": cannot read the file.");
   }
   std::string line;
@@ -554,8 +552,7 @@ int RunMultiFrameIntrinsicsRefiner(int argc, char** argv) {
     options.multi_frame.ApplyPreset(options.multi_frame.preset);
     OptionParser parser;
     AddPaths(&options, &parser);
-    AddMultiFrameOptions(
-        &options.multi_frame, &options.constant_camera_list_path, &parser);
+    AddMultiFrameOptions(&options.multi_frame, &parser);
     parser.Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
       options.multi_frame.ApplyPreset(name);
     });

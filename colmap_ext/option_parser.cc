@@ -21,6 +21,19 @@ std::string Section(const std::string& name) {
   return dot == std::string::npos ? "" : name.substr(0, dot);
 }
 
+// boost cuts a line at any '#'. Only one at the beginning of a word starts a
+// comment: paths and regular expressions may contain others.
+constexpr char kProtectedHash = '\x01';
+
+std::string ProtectHashes(std::istream& stream) {
+  std::string text{std::istreambuf_iterator<char>(stream),
+                   std::istreambuf_iterator<char>()};
+  for (size_t i = 1; i < text.size(); ++i) {
+    if (text[i] == '#' && !std::isspace(text[i - 1])) text[i] = kProtectedHash;
+  }
+  return text;
+}
+
 // Line of the ini file that sets `key` ("name" or "Section.name"); 0 if none.
 int FindIniLine(const std::string& path, const std::string& key) {
   const std::string name = key.substr(key.find('.') + 1);
@@ -233,7 +246,8 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
   std::vector<po::option> ini_options;
   try {
     const po::options_description none;
-    ini_options = po::parse_config_file(file, none, true).options;
+    std::istringstream protected_text(ProtectHashes(file));
+    ini_options = po::parse_config_file(protected_text, none, true).options;
   } catch (const po::error& error) {
     throw UsageError("--project_path " + path + ": " + error.what() + ".");
   }
@@ -259,7 +273,9 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
     seen.push_back(key);
     // An empty value, as Write leaves it for an unset path, is the default.
     if (ini_option.value.empty() || ini_option.value[0].empty()) continue;
-    arguments.push_back("--" + key + "=" + ini_option.value[0]);
+    std::string value = ini_option.value[0];
+    std::replace(value.begin(), value.end(), kProtectedHash, '#');
+    arguments.push_back("--" + key + "=" + value);
   }
   return arguments;
 }

@@ -251,7 +251,9 @@ Json MakeCameras(const RefinerResult& result) {
     bool determined = !result.refinement.held_cameras[i];
     for (size_t j = 0; j < camera.params.size(); ++j) {
       const Eigen::Index k = param_begin + static_cast<Eigen::Index>(j);
-      const double variance = result.refinement.covariance(k, k);
+      const double variance = num_observations[i] == 0
+                                  ? std::nan("")
+                                  : result.refinement.covariance(k, k);
       params_std.push_back(NumberOrNull(std::sqrt(variance)));
       determined = determined && std::isfinite(variance);
       for (const size_t idx : camera.model->FocalLengthIdxs()) {

@@ -29,8 +29,9 @@ std::vector<double> ConvertCameraParams(
     return sum / static_cast<double>(idxs.size());
   };
   // Start: focal length and principal point as they are, and distortion just
-  // off zero, where some models (FOV) are singular.
-  std::vector<double> params(target.NumParams(), 1e-3);
+  // off zero; COLMAP's FOV model is another function close to zero.
+  std::vector<double> params(target.NumParams(),
+                             target.Name() == "FOV" ? 0.5 : 1e-3);
   for (size_t i = 0; i < target.FocalLengthIdxs().size(); ++i) {
     params[target.FocalLengthIdxs()[i]] =
         source.FocalLengthIdxs().size() == target.FocalLengthIdxs().size()
@@ -44,14 +45,14 @@ std::vector<double> ConvertCameraParams(
 
   const Eigen::Index num_rows = 2 * kGridSize * kGridSize;
   const Eigen::Index num_params = static_cast<Eigen::Index>(params.size());
-  std::vector<Eigen::Vector4d> uv_and_xy;
+  // Ray (u, v) and pixel (x, y).
+  Eigen::Matrix4Xd samples(4, kGridSize * kGridSize);
   for (int i = 0; i < kGridSize; ++i) {
     for (int j = 0; j < kGridSize; ++j) {
-      Eigen::Vector4d sample;
+      auto sample = samples.col(i * kGridSize + j);
       sample(2) = (i + 0.5) * static_cast<double>(width) / kGridSize;
       sample(3) = (j + 0.5) * static_cast<double>(height) / kGridSize;
-      source.Unproject(
-          source_params.data(), sample(2), sample(3), sample.data());
+      source.Unproject(source_params.data(), sample(2), sample(3), &sample(0));
       if (!sample.allFinite()) {
         throw InputError("Camera model " + source.Name() +
                          " has parameters that cannot be inverted within its "
@@ -59,9 +60,7 @@ std::vector<double> ConvertCameraParams(
                          target.Name() + ".");
       }
       // Iterative undistortion is approximate: take the pixel of the ray.
-      source.Project(
-          source_params.data(), sample(0), sample(1), sample.data() + 2);
-      uv_and_xy.push_back(sample);
+      source.Project(source_params.data(), sample(0), sample(1), &sample(2));
     }
   }
 
@@ -74,20 +73,20 @@ std::vector<double> ConvertCameraParams(
   Eigen::MatrixXd best_jacobian;
   Eigen::VectorXd best_residuals;
   for (int iteration = 0; iteration < kMaxNumIterations; ++iteration) {
-    for (size_t i = 0; i < uv_and_xy.size(); ++i) {
+    for (Eigen::Index i = 0; i < samples.cols(); ++i) {
       double xy[2];
       double jacobian_uv[4];
       Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor> rows(
           2, num_params);
       target.ProjectWithJacobian(params.data(),
-                                 uv_and_xy[i](0),
-                                 uv_and_xy[i](1),
+                                 samples(0, i),
+                                 samples(1, i),
                                  xy,
                                  jacobian_uv,
                                  rows.data());
       jacobian.middleRows(2 * i, 2) = rows;
-      residuals(2 * i) = xy[0] - uv_and_xy[i](2);
-      residuals(2 * i + 1) = xy[1] - uv_and_xy[i](3);
+      residuals(2 * i) = xy[0] - samples(2, i);
+      residuals(2 * i + 1) = xy[1] - samples(3, i);
     }
     const double cost = residuals.squaredNorm();
     if (cost < previous_cost) {

@@ -303,7 +303,8 @@ void Solver::EliminateTrack(size_t track_idx,
   blocks.resize(track.length);
   for (size_t i = 0; i < track.length; ++i) {
     blocks[i] = linearizations[i].jacobian_params.transpose() *
-                system.weights[i] * linearizations[i].jacobian_point;
+                system.observations[i].weight *
+                linearizations[i].jacobian_point;
     back_blocks[i] = system.hessian.solve(blocks[i].transpose()).transpose();
   }
   for (size_t i = 0; i < track.length; ++i) {
@@ -312,9 +313,9 @@ void Solver::EliminateTrack(size_t track_idx,
     const Eigen::Index size = jacobian.cols();
     if (size == 0) continue;
     const Eigen::VectorXd gradient =
-        jacobian.transpose() * system.weighted_residuals[i];
+        jacobian.transpose() * system.observations[i].weighted_residual;
     equations->hessian.block(offset, offset, size, size) +=
-        jacobian.transpose() * system.weights[i] * jacobian;
+        jacobian.transpose() * system.observations[i].weight * jacobian;
     equations->gradient.segment(offset, size) +=
         gradient - blocks[i] * point_steps_[track_idx];
     for (size_t j = 0; j < track.length; ++j) {
@@ -328,8 +329,8 @@ void Solver::EliminateTrack(size_t track_idx,
       if (equations->gradient_outer.size() > 0) {
         equations->gradient_outer.block(
             offset, other_offset, size, other_size) +=
-            gradient *
-            (system.weighted_residuals[j].transpose() * other_jacobian);
+            gradient * (system.observations[j].weighted_residual.transpose() *
+                        other_jacobian);
       }
     }
   }
@@ -644,7 +645,12 @@ FixedExtrinsicsSummary Solver::Solve() {
                                                   : Curvature::kReweighted;
     } else {
       damping = std::max(10.0 * damping, kInitialDamping);
-      if (damping > kMaxDamping) break;
+      if (damping > kMaxDamping) {
+        // Not even the smallest step helps: a minimum with a kink, where a
+        // point has two minima of its own.
+        summary.converged = small_step;
+        break;
+      }
     }
   }
   SetCameras();

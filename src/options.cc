@@ -121,8 +121,10 @@ int MultiFrameOptions::NumScheduleSolves() const {
   if (weight == 0.0) {
     return max_prior_weight > 0.0 ? 1 : 0;  // Nothing to grow.
   }
+  // Rounding must not lose the last one.
   return 1 + static_cast<int>(std::floor(std::log(max_prior_weight / weight) /
-                                         std::log(weight_growth)));
+                                             std::log(weight_growth) +
+                                         1e-9));
 }
 
 int MultiFrameOptions::EffectiveNumThreads() const {

@@ -134,7 +134,7 @@ class Refiner {
                                        ? options_.loss_scale
                                        : kCauchyScaleInStds * std_px_);
     const ScaleMixtureLoss noise(Samples(&cauchy));
-    result.noise_std_px = noise.CoreStd();
+    result.noise_std_px = noise.InlierStd();
     result.outlier_share = noise.OutlierShare();
     const ceres::LossFunction* loss = &noise;
     if (options_.loss_scale > 0.0) loss = &cauchy;
@@ -184,8 +184,9 @@ class Refiner {
       // Estimated noise is that of every observation, whatever its frame.
       const double divisor =
           options_.loss_scale > 0.0
-              ? static_cast<double>(scene_->frames.size() *
-                                    frame.observations.size())
+              ? static_cast<double>(
+                    scene_->frames.size() *
+                    std::max<size_t>(frame.observations.size(), 1))
               : 1.0;
       const double weight = options_.reprojection_weight / divisor;
       solver_options.frame_weights.push_back(weight);
@@ -319,13 +320,28 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
     }
     result.noise_std_px += frame_result.noise_std_px / num_frames;
     result.outlier_share += frame_result.outlier_share / num_frames;
-    // The mean of independent frames; the median is about as good.
-    if (i == 0) {
-      result.covariance = frame_result.covariance / (num_frames * num_frames);
-    } else {
-      result.covariance += frame_result.covariance / (num_frames * num_frames);
+    if (i == 0)
+      result.covariance.setZero(frame_result.covariance.rows(),
+                                frame_result.covariance.cols());
+    result.covariance += frame_result.covariance;
+  }
+  // Of the mean over the independent frames that have the camera; the median is
+  // about as good.
+  Eigen::VectorXd inverse_counts(result.covariance.rows());
+  Eigen::Index k = 0;
+  for (size_t c = 0; c < scene->cameras.size(); ++c) {
+    double count = 0.0;
+    for (const Frame& frame : scene->frames) {
+      for (const FrameImage& image : frame.images) {
+        count += image.camera_idx == c;
+      }
+    }
+    for (size_t j = 0; j < scene->cameras[c].params.size(); ++j) {
+      inverse_counts(k++) = 1.0 / std::max(count, 1.0);
     }
   }
+  result.covariance = inverse_counts.asDiagonal() * result.covariance *
+                      inverse_counts.asDiagonal();
   SetMedianIntrinsics(scene);
   return result;
 }

@@ -114,15 +114,30 @@ double ScaleMixtureLoss::CoreStd() const {
   return 1.0 / std::sqrt(rho[1]);
 }
 
-double ScaleMixtureLoss::OutlierShare() const {
-  const double max_std = 4.0 * CoreStd();
+double ScaleMixtureLoss::InlierStd() const {
+  const double min_information = MinInlierInformation();
+  double variance = 0.0;
   double share = 0.0;
   for (const Component& component : components_) {
-    if (component.information < 1.0 / (max_std * max_std)) {
-      share += component.share;
-    }
+    if (component.information < min_information) continue;
+    variance += component.share / component.information;
+    share += component.share;
+  }
+  return std::sqrt(variance / share);
+}
+
+double ScaleMixtureLoss::OutlierShare() const {
+  const double min_information = MinInlierInformation();
+  double share = 0.0;
+  for (const Component& component : components_) {
+    if (component.information < min_information) share += component.share;
   }
   return share;
+}
+
+double ScaleMixtureLoss::MinInlierInformation() const {
+  const double max_std = 4.0 * CoreStd();
+  return 1.0 / (max_std * max_std);
 }
 
 }  // namespace mfir

@@ -37,6 +37,9 @@ class ScaleMixtureLoss final : public ceres::LossFunction {
   // dense: sigma that a Gaussian with the same rho'(0) has.
   double CoreStd() const;
 
+  // The same for all components but outliers: root of their mean variance.
+  double InlierStd() const;
+
   // Share of the components wider than 4 times CoreStd: outliers.
   double OutlierShare() const;
 
@@ -46,6 +49,8 @@ class ScaleMixtureLoss final : public ceres::LossFunction {
     double log_density;  // log(pi / sigma^2), up to a constant
     double share;        // pi
   };
+  double MinInlierInformation() const;
+
   std::vector<Component> components_;
   double log_density_at_zero_ = 0.0;
 };

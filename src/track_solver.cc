@@ -72,8 +72,7 @@ void TrackSolver::BuildSystem(const Track& track,
                               Curvature curvature,
                               double damping,
                               TrackSystem* system) const {
-  system->weights.resize(linearizations.size());
-  system->weighted_residuals.resize(linearizations.size());
+  system->observations.resize(linearizations.size());
   Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
   for (const Curvature tried_curvature :
        {Curvature::kNewton, Curvature::kClamped, Curvature::kReweighted}) {
@@ -84,12 +83,13 @@ void TrackSolver::BuildSystem(const Track& track,
       const Eigen::Vector2d& residual = linearizations[i].residual;
       double rho[3];
       loss_->Evaluate(residual.squaredNorm(), rho);
-      system->weights[i] =
+      TrackSystem::Observation& observation = system->observations[i];
+      observation.weight =
           track.weight * RobustHessian(residual, rho, tried_curvature);
-      system->weighted_residuals[i] = track.weight * rho[1] * residual;
+      observation.weighted_residual = track.weight * rho[1] * residual;
       const Matrix2x3& jacobian = linearizations[i].jacobian_point;
-      hessian += jacobian.transpose() * system->weights[i] * jacobian;
-      system->gradient += jacobian.transpose() * system->weighted_residuals[i];
+      hessian += jacobian.transpose() * observation.weight * jacobian;
+      system->gradient += jacobian.transpose() * observation.weighted_residual;
     }
     hessian.diagonal() *= 1.0 + damping;
     system->hessian.compute(hessian);

@@ -40,11 +40,15 @@ Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
 
 // Normal equations of a point.
 struct TrackSystem {
+  // Hessian and gradient with respect to the residual. (In a struct, since
+  // COLMAP specializes std::vector for the bare Eigen types.)
+  struct Observation {
+    Eigen::Matrix2d weight;
+    Eigen::Vector2d weighted_residual;
+  };
   Eigen::Vector3d gradient;
   Eigen::LLT<Eigen::Matrix3d> hessian;
-  // By observation: Hessian and gradient with respect to the residual.
-  std::vector<Eigen::Matrix2d> weights;
-  std::vector<Eigen::Vector2d> weighted_residuals;
+  std::vector<Observation> observations;
 };
 
 // Cost of a track: weight * sum_i 1/2 rho(|r_i|^2 / noise_i^2), with noise_i

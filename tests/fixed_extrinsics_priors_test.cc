@@ -1,5 +1,5 @@
 // What SolveFixedExtrinsics adds to the reprojection errors: corrections of the
-// extrinsics, priors on intrinsics, noise per camera, held combinations.
+// extrinsics, priors on intrinsics, held cameras and combinations.
 
 #include "src/fixed_extrinsics_solver.h"
 
@@ -268,36 +268,6 @@ TEST(ConstantCameras, AreBitIdenticalAndTheOthersAreNot) {
   EXPECT_TRUE(summary.covariance.middleRows(12, 4).isZero(0.0));
   EXPECT_GT(summary.covariance(11, 11), 0.0);
   EXPECT_GT(summary.covariance(16, 16), 0.0);
-}
-
-// rho(s / noise^2): a quadratic loss divided by noise^2.
-TEST(CameraNoise, DividesResiduals) {
-  const ceres::TrivialLoss loss;
-  const Scene start = MakeTestScene({}).start;
-  const double noise = 3.0;
-  Scene scene = start;
-  FixedExtrinsicsOptions options = Options(&loss);
-  options.camera_noise.assign(scene.cameras.size(), 1.0);
-  options.camera_noise[2] = noise;
-  const double cost = SolveFixedExtrinsics(options, &scene).final_cost;
-  double expected_cost = 0.0;
-  const std::vector<double> squared_residuals = SquaredResiduals(scene);
-  size_t k = 0;
-  for (const Frame& frame : scene.frames) {
-    for (const Observation& observation : frame.observations) {
-      const double divisor = observation.image_idx == 2 ? noise * noise : 1.0;
-      expected_cost += 0.5 * squared_residuals[k++] / divisor;
-    }
-  }
-  EXPECT_NEAR(cost, expected_cost, 1e-9 * cost);
-
-  // The same for all is the same minimum.
-  Scene equal = start;
-  options.camera_noise.assign(scene.cameras.size(), noise);
-  SolveFixedExtrinsics(options, &equal);
-  Scene expected = start;
-  SolveFixedExtrinsics(Options(&loss), &expected);
-  EXPECT_LT(MaxParamsDifference(equal, expected), 1e-9);
 }
 
 // A camera that sees one point at one place: focal length and principal point

@@ -177,14 +177,17 @@ TEST_F(InvarianceTest, EveryCameraModelIsRecovered) {
   options.focal_length = 700.0;  // wide enough to see distortion
   options.distance = 0.45;
   for (const CameraModel* model : AllCameraModels()) {
+    SCOPED_TRACE(model->Name());
     options.camera_model = model->Name();
-    const CameraParams truth = SimulateAndRefine(options, model->Name());
+    const CameraParams truth = SimulateAndRefine(
+        options, model->Name(), {{"MultiFrame.max_num_iterations", "500"}});
     const CameraParams params = Params(model->Name() + "/out");
-    ASSERT_EQ(params.size(), truth.size()) << model->Name();
+    ASSERT_EQ(params.size(), truth.size());
+    // Far from linear in coefficients that are hardly determined.
+    const bool is_weak = model->NumParams() > 8;
     EXPECT_LT(MaxErrorInStds(
                   params, Params(model->Name() + "/out", "params_std"), truth),
-              4.5)
-        << model->Name();
+              is_weak ? 7.0 : 4.5);
   }
 }
 
@@ -214,8 +217,13 @@ TEST_F(InvarianceTest, StandardDeviationsAreHonest) {
 TEST_F(InvarianceTest, NoNoiseGivesTheTruth) {
   SimulatorOptions options = SmallCapture();
   options.noise = 0.0;
-  const CameraParams truth = SimulateAndRefine(options, "exact");
-  EXPECT_LT(MaxRelativeDifference(truth, Params("exact/out")), 1e-4);
+  for (const double outlier_share : {0.0, 0.05}) {
+    options.outlier_share = outlier_share;
+    const std::string name = "exact" + std::to_string(outlier_share);
+    const CameraParams truth = SimulateAndRefine(options, name);
+    EXPECT_LT(MaxRelativeDifference(truth, Params(name + "/out")), 1e-4)
+        << outlier_share;
+  }
 }
 
 }  // namespace

@@ -88,6 +88,13 @@ TEST_F(RefinerOptionsTest, OptionsThatChangeNoNumber) {
     EXPECT_EQ(result.exit_code, kExitUsage);
     EXPECT_NE(result.error.find("no dense features"), std::string::npos);
   }
+  // Nothing would use them.
+  for (const char* name : {"use_gpu", "gpu_index"}) {
+    const CommandResult result =
+        Refine({{std::string("MultiFrame.") + name, "1"}});
+    EXPECT_EQ(result.exit_code, kExitUsage);
+    EXPECT_NE(result.error.find(name), std::string::npos) << result.error;
+  }
   // Nothing to weigh: said once, unless the weight is zero.
   EXPECT_NE(Refine().output.find("featuremetric_weight weighs nothing"),
             std::string::npos);
@@ -97,7 +104,7 @@ TEST_F(RefinerOptionsTest, OptionsThatChangeNoNumber) {
 }
 
 TEST_F(RefinerOptionsTest, AllOptionsLandInSummaryAndProjectFile) {
-  ExpectRefines({{"MultiFrame.gpu_index", "0"}});
+  ExpectRefines({{"MultiFrame.num_threads", "1"}});
   const nlohmann::json options = Summary()["options"];
   const std::string project = ReadFile(Path("out/project.ini"));
   for (const char* name : {"preset",
@@ -127,7 +134,7 @@ TEST_F(RefinerOptionsTest, AllOptionsLandInSummaryAndProjectFile) {
     EXPECT_TRUE(options.contains(std::string("MultiFrame.") + name)) << name;
   }
   for (const char* line :
-       {"preset=accurate\n", "gpu_index=0\n", "num_threads=-1\n"}) {
+       {"preset=accurate\n", "gpu_index=-1\n", "num_threads=1\n"}) {
     EXPECT_NE(project.find(line), std::string::npos) << line;
   }
 }

@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/compat.h"
+#include "colmap_ext/model_io.h"
 #include "colmap_ext/simulator.h"
 #include "tests/test_files.h"
 
@@ -122,7 +123,8 @@ class RefinerTest : public testing::Test {
   // The same, expecting success.
   void ExpectRefines(const CommandOptions& options = {}) const {
     const CommandResult result = Refine(options);
-    ASSERT_EQ(result.exit_code, kExitSuccess) << result.error << result.output;
+    ASSERT_EQ(result.exit_code, kExitSuccess)
+        << testing::PrintToString(options) << result.error;
   }
 
   // Expects the exit code and all parts in the message, on stderr.
@@ -169,6 +171,8 @@ class RefinerTest : public testing::Test {
   }
 
   static colmap::Reconstruction Read(const std::string& path) {
+    // COLMAP aborts where there is none.
+    if (!IsModelFolder(path)) throw std::runtime_error("no model: " + path);
     colmap::Reconstruction reconstruction;
     reconstruction.Read(path);
     return reconstruction;
