@@ -1,6 +1,7 @@
 #include "colmap_ext/command.h"
 
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <new>
 
@@ -21,6 +22,11 @@ int RunCommand(const std::function<void()>& body) {
                  "--frame_list_path."
               << std::endl;
     return kExitSolver;
+  } catch (const std::filesystem::filesystem_error& error) {
+    // Outputs have their own checks: this is a path that the system rejects.
+    std::cerr << "ERROR: " << error.what() << ". Correct the path."
+              << std::endl;
+    return kExitBadInput;
   } catch (const std::exception& error) {
     std::cerr << "ERROR: Unexpected failure: " << error.what() << std::endl;
     return kExitSolver;

@@ -29,8 +29,7 @@ namespace mfir {
 // cam_from_world of an image, the stored doubles unchanged.
 inline Rigid3 CamFromWorld(const colmap::Image& image) {
   const Eigen::Vector4d& qvec = image.Qvec();
-  return {Eigen::Quaterniond(qvec(0), qvec(1), qvec(2), qvec(3)),
-          image.Tvec()};
+  return {Eigen::Quaterniond(qvec(0), qvec(1), qvec(2), qvec(3)), image.Tvec()};
 }
 
 // Stores the doubles of `cam_from_world` unchanged (no normalization).

@@ -112,6 +112,7 @@ void CheckCameras(const FrameModel& frame,
                        ". Is it the RIG of this array and resolution?");
     }
     for (const FrameModel& previous : previous_frames) {
+      if (previous.reconstruction == nullptr) continue;
       if (previous.image_ids.count(idx_and_image.first) == 0) continue;
       const colmap::Camera& other = previous.reconstruction->Camera(camera_id);
       if (other.ModelId() != camera.ModelId()) {
@@ -249,6 +250,11 @@ std::vector<std::string> ListFrames(const std::string& frames_path,
     for (int number = 1; std::getline(file, line); ++number) {
       colmap::StringTrim(&line);
       if (line.empty() || line[0] == '#') continue;
+      if (line == "." || line == ".." || line.find('/') != std::string::npos) {
+        throw InputError(frame_list_path + ":" + std::to_string(number) +
+                         ": '" + line +
+                         "' is a path. Give the name of a sub-folder.");
+      }
       if (!fs::is_directory(fs::path(frames_path) / line)) {
         throw InputError(frame_list_path + ":" + std::to_string(number) +
                          ": there is no frame '" + line + "' in " +
@@ -306,7 +312,9 @@ Capture ReadCapture(const std::string& frames_path,
     FrameModel frame = ReadFrame(
         frames_path, names[i], naming, camera_idxs, target_model, &capture);
     any_match = any_match || !frame.image_ids.empty();
-    CheckCameras(frame, capture.frames, capture.cameras);
+    if (frame.reconstruction != nullptr) {
+      CheckCameras(frame, capture.frames, capture.cameras);
+    }
     if (!options.quiet) {
       std::cout << colmap::StringPrintf(
           "Frame %zu / %zu '%s': ", i + 1, names.size(), frame.name.c_str());

@@ -12,6 +12,10 @@
 namespace mfir {
 namespace {
 
+// Beyond these, numbers are no coordinates but damage.
+constexpr double kMaxCoordinatePx = 1e7;
+constexpr double kMaxCoordinate = 1e15;  // world units
+
 const size_t kMaxImageSize = 1000000;  // pixels per side
 
 [[noreturn]] void Fail(const std::string& path,
@@ -54,7 +58,7 @@ void CheckCamera(const std::string& path, const colmap::Camera& camera) {
 
 void CheckImage(const std::string& path, const colmap::Image& image) {
   const Rigid3 cam_from_world = CamFromWorld(image);
-  if (!cam_from_world.translation.allFinite() ||
+  if (!(cam_from_world.translation.cwiseAbs().maxCoeff() < kMaxCoordinate) ||
       !(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
     Fail(path, ImageEntry(image), "the pose is not finite");
   }
@@ -65,10 +69,11 @@ void CheckImage(const std::string& path, const colmap::Image& image) {
   }
   size_t point2D_idx = 0;
   for (const colmap::Point2D& point2D : image.Points2D()) {
-    if (!point2D.XY().allFinite()) {
+    if (!(point2D.XY().cwiseAbs().maxCoeff() < kMaxCoordinatePx)) {
       Fail(path,
            ImageEntry(image),
-           "observation " + std::to_string(point2D_idx) + " is not finite");
+           "observation " + std::to_string(point2D_idx) +
+               " is not finite or absurdly far from the image");
     }
     ++point2D_idx;
   }

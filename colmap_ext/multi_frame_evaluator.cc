@@ -168,6 +168,10 @@ std::vector<FrameEstimate> ReadEstimates(const EvaluatorOptions& options,
 
 // Under a temporary name first, so that `path` is never half a file.
 void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
+  std::error_code ignored;
+  if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored)) {
+    throw OutputError("--output_path " + path + " is not a regular file.");
+  }
   const std::string temporary_path = path + ".tmp";
   std::ofstream file(temporary_path);
   // File names need not be UTF-8, JSON must be.

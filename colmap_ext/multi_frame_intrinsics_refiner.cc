@@ -354,21 +354,29 @@ std::vector<KnownCamera> RefinedCameras(const MultiFrameOptions& options,
   return cameras;
 }
 
-nlohmann::ordered_json Evaluate(const RefinerOptions& options,
-                                const Scene& scene) {
-  if (options.ground_truth_path.empty()) return nullptr;
+// Empty without a ground truth.
+std::vector<CameraIntrinsics> ReadTrueCameras(const RefinerOptions& options) {
+  std::vector<CameraIntrinsics> cameras;
+  if (options.ground_truth_path.empty()) return cameras;
   const Rig truth = ReadRig(options.ground_truth_path,
                             options.ground_truth_format,
                             CameraNaming(options.multi_frame.camera_name_regex),
                             std::numeric_limits<double>::quiet_NaN());
-  std::vector<CameraIntrinsics> true_cameras;
   for (const KnownCamera& camera : truth.cameras) {
-    true_cameras.push_back({camera.name,
-                            camera.model,
-                            camera.width,
-                            camera.height,
-                            camera.params});
+    cameras.push_back({camera.name,
+                       camera.model,
+                       camera.width,
+                       camera.height,
+                       camera.params});
   }
+  return cameras;
+}
+
+// Null without a ground truth.
+nlohmann::ordered_json Evaluate(const std::vector<CameraIntrinsics>& truth,
+                                const Scene& scene,
+                                bool quiet) {
+  if (truth.empty()) return nullptr;
   FrameEstimate estimate;
   for (const RigCamera& camera : scene.cameras) {
     estimate.cameras.push_back({camera.name,
@@ -377,8 +385,8 @@ nlohmann::ordered_json Evaluate(const RefinerOptions& options,
                                 camera.height,
                                 camera.params});
   }
-  const Evaluation evaluation = EvaluateIntrinsics({estimate}, true_cameras);
-  if (!options.multi_frame.quiet) {
+  const Evaluation evaluation = EvaluateIntrinsics({estimate}, truth);
+  if (!quiet) {
     PrintEvaluation(evaluation, std::cout);
   }
   return EvaluationToJson(evaluation);
@@ -453,13 +461,20 @@ RefinementResult RefineScene(const MultiFrameOptions& options,
 void Refine(const RefinerOptions& options, const OptionParser& parser) {
   const MultiFrameOptions& multi_frame = options.multi_frame;
   Progress progress(options);
-  PrepareOutputFolder(options.output_path);
+  PrepareOutputFolder(options.output_path,
+                      {options.input_path,
+                       options.extrinsics_path,
+                       options.image_path,
+                       options.ground_truth_path,
+                       options.frame_list_path,
+                       options.constant_camera_list_path});
 
   progress.Heading("Reading frames");
   const Rig rig = ReadRig(options.extrinsics_path,
                           options.extrinsics_format,
                           CameraNaming(multi_frame.camera_name_regex),
                           options.extrinsics_pixel_offset);
+  const std::vector<CameraIntrinsics> true_cameras = ReadTrueCameras(options);
   Capture capture = ReadCapture(
       options.input_path, options.frame_list_path, rig, multi_frame);
   LogCapture(rig, capture, progress);
@@ -482,6 +497,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   InitializeIntrinsics(multi_frame, &scene);
   if (multi_frame.use_prior_intrinsics) UsePriorIntrinsics(capture, &scene);
   HeldOutTracks held_out(multi_frame.held_out_share, &scene);
+  // A ground truth that does not fit fails here, not after the work.
+  Evaluate(true_cameras, scene, true);
   RefinerResult result;
   for (const RigCamera& camera : scene.cameras) {
     result.initial_params.push_back(camera.params);
@@ -523,7 +540,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   result.cameras =
       RefinedCameras(multi_frame, normalized_from_rig, capture, scene);
   result.soft_extrinsics = multi_frame.SoftExtrinsics();
-  result.evaluation = Evaluate(options, scene);
+  result.evaluation = Evaluate(true_cameras, scene, multi_frame.quiet);
   result.inputs = DescribeInputs(options, rig, capture);
   UpdateReconstructions(
       normalized_from_rig, scene, result.cameras, single_frame_mode, &capture);

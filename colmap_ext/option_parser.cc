@@ -1,6 +1,10 @@
 #include "colmap_ext/option_parser.h"
 
+#include <strings.h>
+
 #include <algorithm>
+#include <cctype>
+#include <filesystem>
 #include <fstream>
 #include <iomanip>
 #include <limits>
@@ -21,17 +25,38 @@ std::string Section(const std::string& name) {
   return dot == std::string::npos ? "" : name.substr(0, dot);
 }
 
-// boost cuts a line at any '#'. Only one at the beginning of a word starts a
-// comment: paths and regular expressions may contain others.
+// boost cuts a line at any '#'. Here only one at the beginning of a word,
+// outside of a quoted value, starts a comment: paths and regular expressions
+// may contain others.
 constexpr char kProtectedHash = '\x01';
 
 std::string ProtectHashes(std::istream& stream) {
-  std::string text{std::istreambuf_iterator<char>(stream),
-                   std::istreambuf_iterator<char>()};
-  for (size_t i = 1; i < text.size(); ++i) {
-    if (text[i] == '#' && !std::isspace(text[i - 1])) text[i] = kProtectedHash;
+  std::string text;
+  std::string line;
+  while (std::getline(stream, line)) {
+    const bool quoted = line.find("=\"") != std::string::npos;
+    for (size_t i = 1; i < line.size(); ++i) {
+      if (line[i] == '#' && (quoted || !std::isspace(line[i - 1]))) {
+        line[i] = kProtectedHash;
+      }
+    }
+    text += line + "\n";
   }
   return text;
+}
+
+// A value with a '#' is written in double quotes.
+std::string Quote(const std::string& value) {
+  return value.find('#') == std::string::npos ? value : "\"" + value + "\"";
+}
+
+std::string Unquote(std::string value) {
+  std::replace(value.begin(), value.end(), kProtectedHash, '#');
+  if (value.size() >= 2 && value.front() == '"' && value.back() == '"' &&
+      value.find('#') != std::string::npos) {
+    value = value.substr(1, value.size() - 2);
+  }
+  return value;
 }
 
 // Line of the ini file that sets `key` ("name" or "Section.name"); 0 if none.
@@ -193,7 +218,10 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
   std::vector<std::string> filtered = {"colmap"};
   bool log_level_set = false;
   for (size_t i = 0; i < arguments.size(); ++i) {
-    CheckName(arguments[i]);
+    const bool is_value = i > 0 && arguments[i - 1].rfind("--", 0) == 0 &&
+                          arguments[i - 1].find('=') == std::string::npos &&
+                          arguments[i - 1] != "--help";
+    if (!is_value) CheckName(arguments[i]);
     log_level_set = log_level_set || arguments[i].rfind("--log_level", 0) == 0;
     // OptionManager would read the file itself and drop the command line.
     if (arguments[i] == "--project_path") {
@@ -214,7 +242,11 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
 // OptionManager accepts any unambiguous beginning of a name; a typo must not
 // set another option.
 void OptionParser::CheckName(const std::string& argument) const {
-  if (argument.rfind("--", 0) != 0) return;
+  if (argument == "-h") return;
+  if (argument.rfind("--", 0) != 0) {
+    throw UsageError("'" + argument +
+                     "' is no option. Options are given as --name value.");
+  }
   const std::string name = argument.substr(2, argument.find('=') - 2);
   for (const char* known :
        {"help", "project_path", "random_seed", "log_to_stderr", "log_level"}) {
@@ -240,7 +272,8 @@ std::string OptionParser::DidYouMean(const std::string& name) const {
 
 std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
   std::ifstream file(path);
-  if (!file) {
+  std::error_code error;
+  if (!file || std::filesystem::is_directory(path, error)) {
     throw UsageError("--project_path " + path + ": cannot read the file.");
   }
   std::vector<po::option> ini_options;
@@ -260,6 +293,14 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
         path + ":" + std::to_string(FindIniLine(path, key)) + ": ";
     if (Find(key) == nullptr) {
       const std::string suggestion = DidYouMean(key);
+      for (const Option& option : options_) {
+        const std::string section = Section(option.name);
+        if (section != Section(key) &&
+            strcasecmp(section.c_str(), Section(key).c_str()) == 0) {
+          throw UsageError(where + "the section [" + Section(key) +
+                           "] must be [" + section + "].");
+        }
+      }
       if (Section(key).empty() || Section(key) == shared_section_ ||
           suggestion.empty()) {
         continue;  // An option of another command.
@@ -273,9 +314,7 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
     seen.push_back(key);
     // An empty value, as Write leaves it for an unset path, is the default.
     if (ini_option.value.empty() || ini_option.value[0].empty()) continue;
-    std::string value = ini_option.value[0];
-    std::replace(value.begin(), value.end(), kProtectedHash, '#');
-    arguments.push_back("--" + key + "=" + value);
+    arguments.push_back("--" + key + "=" + Unquote(ini_option.value[0]));
   }
   return arguments;
 }
@@ -306,7 +345,7 @@ void OptionParser::Write(const std::string& path) const {
         file << "[" << section << "]\n";
       }
       file << option.name.substr(section.empty() ? 0 : section.size() + 1)
-           << "=" << option.value() << "\n";
+           << "=" << Quote(option.value()) << "\n";
     }
   }
   file.close();

@@ -17,6 +17,15 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
+// In the order in which they are moved into place.
+constexpr const char* kOutputNames[] = {"rig_given",
+                                        "rig",
+                                        "frames",
+                                        "KRT",
+                                        "history.csv",
+                                        "project.ini",
+                                        "summary.json"};
+
 constexpr double kMaxFocalStd = 0.05;  // relative
 
 Json NumberOrNull(double value) {
@@ -56,6 +65,12 @@ void WriteTextFile(const fs::path& path, const std::string& text) {
   }
 }
 
+bool EndsWithLineBreak(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  return file && file.tellg() > 0 && file.seekg(-1, std::ios::end) &&
+         file.get() == '\n';
+}
+
 // COLMAP 3.8 does not check its writes; its files are checked afterwards.
 void WriteModel(const fs::path& path,
                 bool with_text,
@@ -65,20 +80,19 @@ void WriteModel(const fs::path& path,
   if (with_text) {
     reconstruction.WriteText(path.string());
   }
-  for (const bool is_binary : {true, false}) {
-    if (!is_binary && !with_text) continue;
-    const std::string extension = is_binary ? ".bin" : ".txt";
-    const ModelFiles files = {is_binary,
-                              (path / ("cameras" + extension)).string(),
-                              (path / ("images" + extension)).string(),
-                              (path / ("points3D" + extension)).string()};
-    try {
-      is_binary ? CheckBinaryModel(files) : CheckTextModel(files);
-    } catch (const InputError& error) {
-      throw OutputError("The model just written to " + path.string() +
-                        " is not complete: " + error.what() +
-                        " Is the disk full?");
-    }
+  try {
+    CheckBinaryModel({true,
+                      (path / "cameras.bin").string(),
+                      (path / "images.bin").string(),
+                      (path / "points3D.bin").string()});
+  } catch (const InputError& error) {
+    throw OutputError("The model just written to " + path.string() +
+                      " is not complete: " + error.what() +
+                      " Is the disk full?");
+  }
+  if (with_text && !EndsWithLineBreak(path / "images.txt")) {
+    throw OutputError("The model just written to " + path.string() +
+                      " is not complete. Is the disk full?");
   }
 }
 
@@ -336,11 +350,26 @@ void MoveIntoPlace(const fs::path& temporary,
 
 }  // namespace
 
-void PrepareOutputFolder(const std::string& output_path) {
+void PrepareOutputFolder(const std::string& output_path,
+                         const std::vector<std::string>& input_paths) {
   std::error_code error;
-  if (fs::exists(output_path) && !fs::is_directory(output_path)) {
+  if (fs::exists(output_path, error) && !fs::is_directory(output_path, error)) {
     throw OutputError("--output_path " + output_path +
                       " is a file. Give a folder.");
+  }
+  for (const std::string& input_path : input_paths) {
+    const fs::path input = fs::weakly_canonical(input_path, error);
+    for (const char* name : kOutputNames) {
+      const fs::path output =
+          fs::weakly_canonical(fs::path(output_path) / name, error);
+      const auto mismatch = std::mismatch(
+          output.begin(), output.end(), input.begin(), input.end());
+      if (!input_path.empty() && mismatch.first == output.end()) {
+        throw OutputError("--output_path " + output_path + ": the result's '" +
+                          name + "' would replace the input " + input_path +
+                          ". Give another folder.");
+      }
+    }
   }
   fs::create_directories(output_path, error);
   if (error) {
@@ -415,13 +444,7 @@ std::vector<std::string> WriteResult(const std::string& output_path,
     if (!result.soft_extrinsics) {
       fs::remove_all(fs::path(output_path) / "rig_given");
     }
-    for (const char* name : {"rig_given",
-                             "rig",
-                             "frames",
-                             "KRT",
-                             "history.csv",
-                             "project.ini",
-                             "summary.json"}) {
+    for (const char* name : kOutputNames) {
       MoveIntoPlace(path, output_path, name);
     }
   } catch (const fs::filesystem_error& error) {

@@ -36,9 +36,11 @@ struct RefinerResult {
   nlohmann::ordered_json evaluation;  // null without a ground truth
 };
 
-// Creates the output folder and makes sure it can be written to, before any
-// time is spent. Throws OutputError.
-void PrepareOutputFolder(const std::string& output_path);
+// Creates the output folder and makes sure, before any time is spent, that it
+// can be written to and that none of `input_paths` (empty ones are skipped)
+// would be replaced by a result. Throws OutputError.
+void PrepareOutputFolder(const std::string& output_path,
+                         const std::vector<std::string>& input_paths);
 
 nlohmann::ordered_json MakeSummary(const OptionParser& options,
                                    const RefinerResult& result);

@@ -104,9 +104,9 @@ void SimulatorOptions::Check() const {
   if (focal_length != 0.0) {
     CheckRange({"focal_length", focal_length, half_diagonal / 1.2, 1e7});
   }
-  if (num_threads == 0 || num_threads < -1) {
+  if (num_threads == 0 || num_threads < -1 || num_threads > 1024) {
     throw UsageError(
-        "--Simulator.num_threads must be positive, or -1 for all.");
+        "--Simulator.num_threads must be 1 to 1024, or -1 for all.");
   }
 }
 

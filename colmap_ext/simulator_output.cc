@@ -198,7 +198,13 @@ void WriteAll(const SimulatedCapture& capture, const fs::path& path) {
 void CheckSimulatorOutput(const SimulatorOptions& options,
                           const std::string& output_path) {
   const fs::path path = output_path;
-  if (!fs::exists(path) || (fs::is_directory(path) && fs::is_empty(path))) {
+  std::error_code error;
+  const bool exists = fs::exists(path, error);
+  if (error) {
+    throw OutputError("--output_path " + path.string() + ": " +
+                      error.message() + ".");
+  }
+  if (!exists || (fs::is_directory(path) && fs::is_empty(path))) {
     return;
   }
   if (!fs::is_directory(path)) {

@@ -401,8 +401,12 @@ void Solver::AddPriors(bool with_outer, NormalEquations* equations) const {
   for (Eigen::Index i = 0; i < num_params_; ++i) {
     directions.row(i) *= params_[i].pixels;
   }
-  equations->hessian +=
+  const Eigen::MatrixXd holding =
       holding_information_ * directions * directions.transpose();
+  equations->hessian += holding;
+  if (with_outer) {
+    equations->gradient_outer += options_.prior_weight * holding;
+  }
 }
 
 void Solver::FindHeldDirections() {
@@ -541,6 +545,8 @@ bool Solver::IsSmall(const Eigen::VectorXd& step, double* focal_change) const {
 }
 
 Eigen::MatrixXd Solver::Covariance() {
+  // Of a held direction it is only known that the data say less than this.
+  holding_information_ = options_.min_information * options_.prior_weight;
   NormalEquations equations = BuildNormalEquations(Curvature::kNewton, true);
   const Eigen::VectorXd scale =
       equations.hessian.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();

@@ -63,11 +63,12 @@ struct FixedExtrinsicsSummary {
   bool converged = false;
   // Largest change of a focal length in the last step, relative.
   double last_focal_change = 0.0;
-  // Covariance of the intrinsics, stacked by camera; held parameters have zero
-  // rows, all are NaN if the normal equations are singular. It is the sandwich
-  // H^-1 G H^-1 with H the reduced Hessian and G the sum over tracks of the
-  // outer products of their gradients: honest whatever the noise is, as long as
-  // tracks are independent.
+  // Covariance of the intrinsics, stacked by camera; parameters that are not
+  // refined have zero rows, combinations held by min_information a variance of
+  // about 1 / min_information; all is NaN if the normal equations are singular.
+  // It is the sandwich H^-1 G H^-1 with H the reduced Hessian and G the sum
+  // over tracks of the outer products of their gradients: honest whatever the
+  // noise is, as long as tracks are independent.
   Eigen::MatrixXd covariance;
   // By camera: whether its intrinsics take part in a combination that
   // min_information holds.

@@ -99,8 +99,9 @@ void MultiFrameOptions::Check() const {
   if (use_gpu > 1) {
     throw UsageError("--MultiFrame.use_gpu must be -1 (auto), 0 or 1.");
   }
-  if (num_threads == 0) {
-    throw UsageError("--MultiFrame.num_threads must be -1 (all) or positive.");
+  if (num_threads == 0 || num_threads > 1024) {
+    throw UsageError(
+        "--MultiFrame.num_threads must be -1 (all), or 1 to 1024.");
   }
   if (!refine_focal_length && !refine_principal_point && !refine_extra_params) {
     throw UsageError(

@@ -16,9 +16,10 @@ namespace mfir {
 namespace {
 
 // Approach from the frames' reconstructions.
-constexpr int kMaxNumStartSolves = 20;
-constexpr int kMaxNumStartIterations = 10;
+constexpr int kMaxNumStartSolves = 50;
+constexpr int kMaxNumStartIterations = 20;
 constexpr double kStartTolerance = 1e-5;
+constexpr double kSettledTolerance = 1e-9;
 // Cauchy scale in units of the noise: 95 % efficient for Gaussian noise.
 constexpr double kCauchyScaleInStds = 2.385;
 constexpr double kMinScaleReduction = 0.02;
@@ -213,14 +214,23 @@ class Refiner {
     return summary;
   }
 
-  // Solves with Cauchy losses of a scale that follows the residuals down.
+  // Solves with Cauchy losses of a scale that follows the residuals: down
+  // first, then until scale and solution stay, so that nothing depends on the
+  // way.
   void Approach() {
+    bool settled = false;
     for (int i = 0; i < kMaxNumStartSolves; ++i) {
       const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px_);
-      Solve("start", loss, false, kMaxNumStartIterations, kStartTolerance);
+      Solve("start",
+            loss,
+            false,
+            kMaxNumStartIterations,
+            settled ? kSettledTolerance : kStartTolerance);
       const double previous_std_px = std_px_;
       std_px_ = RobustStd(Samples(&loss));
-      if (std_px_ > (1.0 - kMinScaleReduction) * previous_std_px) break;
+      const double change = std::abs(std_px_ / previous_std_px - 1.0);
+      if (settled && change < kSettledTolerance) break;
+      settled = settled || change < kMinScaleReduction;
     }
   }
 

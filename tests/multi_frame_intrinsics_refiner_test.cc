@@ -264,19 +264,26 @@ TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
             std::string::npos);
 }
 
-// An image without points must not take the later ones with it.
+// An image without points, or even without keypoints (an empty line in the
+// text format), must not take the later ones with it.
 TEST_F(MultiFrameRefinerTest, ImagesWithoutPoints) {
-  ChangeFrames([](colmap::Reconstruction* model) {
-    model->Image(2).SetPoints2D(std::vector<colmap::Point2D>());
-    const auto ids = model->Point3DIds();
-    for (const colmap::point3D_t id : ids) {
-      colmap::Track track;
-      for (const auto& element : model->Point3D(id).Track().Elements()) {
-        if (element.image_id != 2) track.AddElement(element);
+  for (const char* frame : kFrames) {
+    colmap::Reconstruction model = Read(ModelPath(frame));
+    for (colmap::point2D_t i = 0; i < model.Image(2).NumPoints2D(); ++i) {
+      if (model.Image(2).Point2D(i).HasPoint3D()) {
+        model.DeleteObservation(2, i);
       }
-      model->Point3D(id).SetTrack(track);
     }
-  });
+    fs::remove_all(ModelPath(frame));
+    WriteText(model, ModelPath(frame));
+    const std::string path = ModelPath(frame) + "/images.txt";
+    std::string text = ReadFile(path);
+    const size_t begin = text.find("cam01.png\n") + 10;
+    if (frame != std::string(kFrames[0])) {
+      text.erase(begin, text.find('\n', begin) - begin);
+    }
+    WriteFile(path, text);
+  }
   ExpectRefines();
   const nlohmann::json summary = Summary();
   ASSERT_EQ(summary["cameras"].size(), 8);
@@ -321,8 +328,8 @@ TEST_F(MultiFrameRefinerTest, WeakFramesAreSkippedWithAReason) {
     WriteBinary(model, ModelPath(frame));
     ChangeFrame(frame, [](colmap::Reconstruction* m) {
       for (int i = 1; i <= 8; ++i) {
-        m->Image(i).SetTvec(m->Image(i).Tvec() +
-                            5.0 * Eigen::Vector3d::Random());
+        m->Image(i).SetQvec(Eigen::Vector4d::Random().normalized());
+        m->Image(i).SetTvec(Eigen::Vector3d::Random());
       }
     });
     expect_skipped(frame, "camera poses fit");
