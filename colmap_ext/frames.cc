@@ -223,7 +223,8 @@ std::vector<colmap::point3D_t> SortedPointIds(
 std::vector<std::string> ListFrames(const std::string& frames_path,
                                     const std::string& frame_list_path) {
   namespace fs = std::filesystem;
-  if (!fs::is_directory(frames_path)) {
+  std::error_code error;
+  if (!fs::is_directory(frames_path, error)) {
     throw InputError(
         "--input_path " + frames_path +
         " is not a folder. Give the folder with one sub-folder per frame.");

@@ -1,7 +1,7 @@
 #include "held_out_tracks.h"
 
+#include <cmath>
 #include <cstdint>
-#include <cstring>
 
 #include "noise_samples.h"
 #include "refinement.h"
@@ -24,8 +24,10 @@ bool IsHeldOut(double share, const Frame& frame, size_t point_idx) {
   for (size_t k = frame.track_begins[point_idx];
        k < frame.track_begins[point_idx + 1];
        ++k) {
-    const Observation& observation = frame.observations[k];
-    hash = Hash(hash, observation.xy.data(), 2 * sizeof(double));
+    // To a hundredth of a pixel: rounding must not change the choice.
+    const int64_t key[] = {std::llround(100.0 * frame.observations[k].xy.x()),
+                           std::llround(100.0 * frame.observations[k].xy.y())};
+    hash = Hash(hash, key, sizeof(key));
   }
   return static_cast<double>(hash >> 11) * 0x1.0p-53 < share;
 }

@@ -9,15 +9,15 @@ namespace {
 
 constexpr int kBinsPerOctave = 8;   // histogram of log2(s)
 constexpr int kMinLog2Ratio = -20;  // bins relative to the median of s
-constexpr int kMaxLog2Ratio = 30;
+constexpr int kMaxLog2Ratio = 80;
 constexpr int kNumIterations = 500;
-constexpr double kTolerance = 1e-7;  // change of a mixture weight
+constexpr double kTolerance = 1e-7;   // change of a mixture weight
+constexpr double kMaxSquared = 1e12;  // px^2
 constexpr double kMinShare = 1e-6;
 constexpr double kStepInSigma = 1.4142135623730951;
 // Relative to the sigma that the median suggests. Narrower components would
 // only describe points that happen to fit their observations.
 constexpr double kMinSigmaRatio = 0.5;
-constexpr double kMaxSigmaRatio = 400.0;
 
 }  // namespace
 
@@ -37,10 +37,15 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples) {
         sample.weight / total_weight;
   }
 
-  std::vector<double> variances;
-  for (double ratio = kMinSigmaRatio; ratio < kMaxSigmaRatio;
-       ratio *= kStepInSigma) {
-    variances.push_back(std::pow(ratio * sigma_of_median, 2));
+  // Up to the largest sample: beyond all components the loss would be
+  // quadratic.
+  double max_squared = scale;
+  for (const NoiseSample& sample : samples) {
+    max_squared = std::max(max_squared, std::min(sample.squared, kMaxSquared));
+  }
+  std::vector<double> variances = {std::pow(kMinSigmaRatio, 2) * scale};
+  while (variances.back() < max_squared) {
+    variances.push_back(kStepInSigma * kStepInSigma * variances.back());
   }
   std::vector<double> shares(variances.size(), 1.0 / variances.size());
 
