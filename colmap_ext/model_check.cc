@@ -58,7 +58,8 @@ void CheckCamera(const std::string& path, const colmap::Camera& camera) {
 
 void CheckImage(const std::string& path, const colmap::Image& image) {
   const Rigid3 cam_from_world = CamFromWorld(image);
-  if (!(cam_from_world.translation.cwiseAbs().maxCoeff() < kMaxCoordinate) ||
+  if (!cam_from_world.translation.allFinite() ||
+      cam_from_world.translation.cwiseAbs().maxCoeff() > kMaxCoordinate ||
       !(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
     Fail(path, ImageEntry(image), "the pose is not finite");
   }
@@ -69,7 +70,8 @@ void CheckImage(const std::string& path, const colmap::Image& image) {
   }
   size_t point2D_idx = 0;
   for (const colmap::Point2D& point2D : image.Points2D()) {
-    if (!(point2D.XY().cwiseAbs().maxCoeff() < kMaxCoordinatePx)) {
+    if (!point2D.XY().allFinite() ||
+        point2D.XY().cwiseAbs().maxCoeff() > kMaxCoordinatePx) {
       Fail(path,
            ImageEntry(image),
            "observation " + std::to_string(point2D_idx) +

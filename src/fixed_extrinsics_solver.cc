@@ -481,8 +481,12 @@ double Solver::TryStep(const Eigen::VectorXd& step,
                        const States& new_states,
                        Points* new_points) const {
   for (const Param& param : params_) {
-    if (param.type == Param::kFocalLength &&
-        !(new_states[param.camera_idx].params[param.idx] > 0.0)) {
+    if (param.type != Param::kFocalLength) continue;
+    // A focal length that more than halves or doubles has left the region in
+    // which the linearization means anything.
+    const double ratio = new_states[param.camera_idx].params[param.idx] /
+                         states_[param.camera_idx].params[param.idx];
+    if (!(ratio > 0.5 && ratio < 2.0)) {
       return std::numeric_limits<double>::infinity();
     }
   }

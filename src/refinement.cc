@@ -159,9 +159,15 @@ class Refiner {
                                double tolerance) {
     const auto start = std::chrono::steady_clock::now();
     FixedExtrinsicsOptions solver_options;
-    solver_options.refine_focal_length = options_.refine_focal_length;
+    // Principal points make up for most of what the poses of the frames made up
+    // for; focal lengths that follow too early can run away.
+    const bool only_principal_points =
+        name == "principal_points" && options_.refine_principal_point;
+    solver_options.refine_focal_length =
+        options_.refine_focal_length && !only_principal_points;
     solver_options.refine_principal_point = options_.refine_principal_point;
-    solver_options.refine_extra_params = options_.refine_extra_params;
+    solver_options.refine_extra_params =
+        options_.refine_extra_params && !only_principal_points;
     solver_options.loss = &loss;
     solver_options.max_num_iterations = max_num_iterations;
     solver_options.parameter_tolerance = tolerance;
@@ -221,7 +227,7 @@ class Refiner {
     bool settled = false;
     for (int i = 0; i < kMaxNumStartSolves; ++i) {
       const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px_);
-      Solve("start",
+      Solve(i == 0 ? "principal_points" : "start",
             loss,
             false,
             kMaxNumStartIterations,
@@ -230,7 +236,7 @@ class Refiner {
       std_px_ = RobustStd(Samples(&loss));
       const double change = std::abs(std_px_ / previous_std_px - 1.0);
       if (settled && change < kSettledTolerance) break;
-      settled = settled || change < kMinScaleReduction;
+      settled = settled || (i > 0 && change < kMinScaleReduction);
     }
   }
 

@@ -11,7 +11,8 @@ namespace mfir {
 
 struct Stage {
   int index = 0;
-  // "schedule", "start" or "final", see README.
+  // "schedule", "principal_points", "start" or
+  // "final", see README.
   std::string name;
   // Weight and cost of each term that takes part, by the names of the options
   // and of summary.json.
