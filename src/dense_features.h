@@ -1,0 +1,57 @@
+// Dense feature patches around keypoints, and where they come from.
+
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace mfir {
+
+// Patches of one image. The centre of feature pixel (column, row) of patch i
+// lies at image coordinates (COLMAP's: the centre of the top-left pixel is
+// (0.5, 0.5))
+//   x = (corners[i].x() + column + 0.5) * pixel_size,
+//   y = (corners[i].y() + row + 0.5) * pixel_size.
+struct DenseFeaturePatches {
+  int patch_size = 0;  // feature pixels along each side
+  int num_channels = 0;
+  // Image pixels per feature pixel: the stride of the descriptor map.
+  double pixel_size = 1.0;
+  // One element per keypoint asked for, in its order.
+  std::vector<Eigen::Vector2i> corners;
+  // False where the keypoint has no feature (outside of the image, say).
+  std::vector<bool> valid;
+  // IEEE half precision: element [((i * patch_size + row) * patch_size +
+  // column) * num_channels + channel], zero where not valid.
+  std::vector<uint16_t> data;
+
+  size_t PatchNumElements() const {
+    return static_cast<size_t>(patch_size) * patch_size * num_channels;
+  }
+};
+
+// An image whose features are asked for.
+struct DenseFeatureRequest {
+  std::string frame_name;
+  std::string camera_name;
+  // Name of the image in the model of its frame.
+  std::string image_name;
+  // Image coordinates and ids (indices into the image's 2D points).
+  std::vector<Eigen::Vector2d> keypoints;
+  std::vector<uint32_t> keypoint_ids;
+};
+
+// Throws InputError for an image or database that cannot be read.
+class DenseFeatureSource {
+ public:
+  virtual ~DenseFeatureSource() = default;
+
+  // All patches of a source have the same size and number of channels, except
+  // that an image without any valid patch may have zero of both.
+  virtual DenseFeaturePatches Extract(const DenseFeatureRequest& request) = 0;
+};
+
+}  // namespace mfir
