@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 
 #include <Eigen/Cholesky>
@@ -106,6 +107,10 @@ class Solver {
                  Points* new_points) const;
   States AddStep(const Eigen::VectorXd& step) const;
   void SetPoints(const Points& points);
+  // Moves points to lower minima: whether any moved.
+  bool ImprovePoints(double* cost);
+  // Steps until convergence or the largest number of iterations.
+  void Iterate(double* cost, FixedExtrinsicsSummary* summary);
   void SetCameras();
   bool IsSmall(const Eigen::VectorXd& step, double* focal_change) const;
   Eigen::MatrixXd Covariance();
@@ -523,6 +528,25 @@ void Solver::SetPoints(const Points& points) {
   }
 }
 
+bool Solver::ImprovePoints(double* cost) {
+  if (!options_.improve_points) return false;
+  std::vector<double> costs(num_chunks_, 0.0);
+  std::vector<size_t> num_moved(num_chunks_, 0);
+  ParallelForChunks([&](size_t chunk, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      const Track& track = tracks_[i];
+      num_moved[chunk] +=
+          track_solver_->FindLowerMinimum(track, states_, track.xyz);
+      costs[chunk] += track_solver_->Cost(track, states_, *track.xyz);
+    }
+  });
+  if (std::accumulate(num_moved.begin(), num_moved.end(), size_t{0}) == 0) {
+    return false;
+  }
+  *cost = std::accumulate(costs.begin(), costs.end(), PriorCost(states_));
+  return true;
+}
+
 void Solver::SetCameras() {
   for (size_t i = 0; i < scene_->cameras.size(); ++i) {
     RigCamera& camera = scene_->cameras[i];
@@ -603,22 +627,14 @@ Eigen::MatrixXd Solver::Covariance() {
   return covariance;
 }
 
-FixedExtrinsicsSummary Solver::Solve() {
-  FixedExtrinsicsSummary summary;
+void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
   Points new_points(tracks_.size());
-  // A step of zero: the points move to their minima.
-  std::fill(point_steps_.begin(), point_steps_.end(), Eigen::Vector3d::Zero());
-  double cost =
-      TryStep(Eigen::VectorXd::Zero(num_params_), states_, &new_points);
-  SetPoints(new_points);
-  summary.initial_cost = cost;
-  summary.converged = num_params_ == 0;
-  double damping = kInitialDamping;
+  double damping = 0.0;
   Curvature curvature = Curvature::kNewton;
   bool tried_undamped = false;
-  while (!summary.converged &&
-         summary.num_iterations < options_.max_num_iterations) {
-    ++summary.num_iterations;
+  while (!summary->converged &&
+         summary->num_iterations < options_.max_num_iterations) {
+    ++summary->num_iterations;
     const NormalEquations equations = BuildNormalEquations(curvature, false);
     Eigen::VectorXd step;
     if (!ComputeStep(equations, damping, &step)) {
@@ -634,19 +650,19 @@ FixedExtrinsicsSummary Solver::Solve() {
     }
     const States new_states = AddStep(step);
     const double new_cost = TryStep(step, new_states, &new_points);
-    const bool small_step = IsSmall(step, &summary.last_focal_change);
+    const bool small_step = IsSmall(step, &summary->last_focal_change);
     // Rounding limits what the cost can resolve.
-    if (new_cost <= cost * (1.0 + 1e-13)) {
-      summary.converged = small_step && damping < kMinDamping;
+    if (new_cost <= *cost * (1.0 + 1e-13)) {
+      summary->converged = small_step && damping < kMinDamping;
       states_ = new_states;
       SetPoints(new_points);
-      cost = new_cost;
+      *cost = new_cost;
       damping *= 0.03;
       curvature = Curvature::kNewton;
       tried_undamped = false;
     } else if (small_step && damping < kMinDamping) {
       // The cost cannot resolve the step.
-      summary.converged = true;
+      summary->converged = true;
     } else if (small_step && !tried_undamped) {
       tried_undamped = true;
       damping = 0.0;
@@ -658,11 +674,28 @@ FixedExtrinsicsSummary Solver::Solve() {
       if (damping > kMaxDamping) {
         // Not even the smallest step helps: a minimum with a kink, where a
         // point has two minima of its own.
-        summary.converged = small_step;
+        summary->converged = small_step;
         break;
       }
     }
   }
+}
+
+FixedExtrinsicsSummary Solver::Solve() {
+  FixedExtrinsicsSummary summary;
+  Points new_points(tracks_.size());
+  // A step of zero: the points move to their minima.
+  std::fill(point_steps_.begin(), point_steps_.end(), Eigen::Vector3d::Zero());
+  double cost =
+      TryStep(Eigen::VectorXd::Zero(num_params_), states_, &new_points);
+  SetPoints(new_points);
+  ImprovePoints(&cost);
+  summary.initial_cost = cost;
+  do {
+    summary.converged = num_params_ == 0;
+    Iterate(&cost, &summary);
+  } while (summary.num_iterations < options_.max_num_iterations &&
+           ImprovePoints(&cost));
   SetCameras();
   summary.final_cost = cost;
   summary.held_cameras.assign(scene_->cameras.size(), false);

@@ -23,6 +23,10 @@ struct FixedExtrinsicsOptions {
 
   // Robust loss of |r|, r in pixels. Must outlive the solve.
   const ceres::LossFunction* loss = nullptr;
+  // Whether points with outliers among their observations also try the minima
+  // around the intersections of their rays, so that the result depends neither
+  // on where they start nor on the path.
+  bool improve_points = true;
   // Weight of each frame's observations; empty: 1.
   std::vector<double> frame_weights;
 

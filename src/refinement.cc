@@ -7,7 +7,6 @@
 #include <memory>
 
 #include <ceres/loss_function.h>
-#include <Eigen/Cholesky>
 
 #include "fixed_extrinsics_solver.h"
 #include "scale_mixture_loss.h"
@@ -18,103 +17,24 @@ namespace {
 // Approach from the frames' reconstructions.
 constexpr int kMaxNumStartSolves = 50;
 constexpr int kMaxNumStartIterations = 20;
-constexpr double kStartTolerance = 1e-5;
-constexpr double kSettledTolerance = 1e-9;
+constexpr double kStartTolerance = 1e-9;
 // Cauchy scale in units of the noise: 95 % efficient for Gaussian noise.
 constexpr double kCauchyScaleInStds = 2.385;
-constexpr double kMinScaleReduction = 0.02;
+constexpr double kScaleStep = 1.02;
 
 constexpr double kMinStd = 1e-6;  // px
+
+// To a power of kScaleStep.
+double RoundedStd(double std_px) {
+  return std::pow(kScaleStep,
+                  std::round(std::log(std_px) / std::log(kScaleStep)));
+}
 
 double Median(std::vector<double> values) {
   const auto middle = values.begin() + values.size() / 2;
   std::nth_element(values.begin(), middle, values.end());
   if (values.size() % 2 == 1) return *middle;
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
-}
-
-// Point closest to the rays of its observations, by iteratively reweighted
-// least squares (Cauchy on the distance to the ray over the distance to the
-// camera).
-bool IntersectRays(const Scene& scene,
-                   const Frame& frame,
-                   size_t point_idx,
-                   Eigen::Vector3d* xyz) {
-  constexpr int kNumIterations = 10;
-  constexpr double kAngle = 0.01;  // rad
-  for (int iteration = 0; iteration < kNumIterations; ++iteration) {
-    Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d b = Eigen::Vector3d::Zero();
-    for (size_t k = frame.track_begins[point_idx];
-         k < frame.track_begins[point_idx + 1];
-         ++k) {
-      const Observation& observation = frame.observations[k];
-      const RigCamera& camera =
-          scene.cameras[frame.images[observation.image_idx].camera_idx];
-      Eigen::Vector3d ray(0.0, 0.0, 1.0);
-      camera.model->Unproject(camera.params.data(),
-                              observation.xy.x(),
-                              observation.xy.y(),
-                              ray.data());
-      if (!ray.allFinite()) continue;
-      ray = (camera.cam_from_world.rotation.conjugate() * ray).normalized();
-      const Eigen::Vector3d center = camera.cam_from_world.Center();
-      const Eigen::Matrix3d projector =
-          Eigen::Matrix3d::Identity() - ray * ray.transpose();
-      double weight = 1.0;
-      if (iteration > 0) {
-        const double sine = (projector * (*xyz - center)).norm() /
-                            std::max((*xyz - center).norm(), 1e-300);
-        weight = 1.0 / (1.0 + sine * sine / (kAngle * kAngle));
-      }
-      a += weight * projector;
-      b += weight * projector * center;
-    }
-    const Eigen::LDLT<Eigen::Matrix3d> factorization(a);
-    *xyz = factorization.solve(b);
-    if (factorization.info() != Eigen::Success || !xyz->allFinite()) {
-      return false;
-    }
-  }
-  return true;
-}
-
-// Replaces points by the intersection of their rays, under the known extrinsics
-// and the intrinsics of the rig, where that fits the observations better: a
-// frame's own reconstruction can be arbitrarily bent.
-void ImprovePoints(Scene* scene) {
-  constexpr double kScale = 10.0;  // px
-  const auto cost = [](const std::vector<double>& squared_residuals,
-                       size_t begin,
-                       size_t end) {
-    double sum = 0.0;
-    for (size_t k = begin; k < end; ++k) {
-      sum +=
-          std::log1p(std::min(squared_residuals[k] / (kScale * kScale), 1e12));
-    }
-    return sum;
-  };
-  Scene intersected = *scene;
-  for (Frame& frame : intersected.frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
-      Eigen::Vector3d xyz;
-      if (IntersectRays(intersected, frame, i, &xyz)) frame.points[i] = xyz;
-    }
-  }
-  const std::vector<double> before = SquaredResiduals(*scene);
-  const std::vector<double> after = SquaredResiduals(intersected);
-  size_t frame_begin = 0;
-  for (size_t f = 0; f < scene->frames.size(); ++f) {
-    Frame& frame = scene->frames[f];
-    for (size_t i = 0; i < frame.points.size(); ++i) {
-      const size_t begin = frame_begin + frame.track_begins[i];
-      const size_t end = frame_begin + frame.track_begins[i + 1];
-      if (cost(after, begin, end) < cost(before, begin, end)) {
-        frame.points[i] = intersected.frames[f].points[i];
-      }
-    }
-    frame_begin += frame.observations.size();
-  }
 }
 
 class Refiner {
@@ -126,7 +46,6 @@ class Refiner {
 
   RefinementResult Run(bool from_frames) {
     std_px_ = RobustStd(Samples(nullptr));
-    if (from_frames) ImprovePoints(scene_);
     if (from_frames || options_.loss_scale == 0.0) Approach();
     RefinementResult result;
     // From a fit with a broad loss only: a sharp loss pulls points onto few of
@@ -134,16 +53,17 @@ class Refiner {
     const ceres::CauchyLoss cauchy(options_.loss_scale > 0.0
                                        ? options_.loss_scale
                                        : kCauchyScaleInStds * std_px_);
-    const ScaleMixtureLoss noise(Samples(&cauchy));
+    ScaleMixtureLoss noise(Samples(&cauchy));
+    const bool is_likelihood = options_.loss_scale == 0.0;
+    const FixedExtrinsicsSummary summary = Solve(
+        "final",
+        is_likelihood ? static_cast<const ceres::LossFunction&>(noise) : cauchy,
+        is_likelihood,
+        options_.max_num_iterations,
+        1e-10);
+    if (!is_likelihood) noise = ScaleMixtureLoss(Samples(&cauchy));
     result.noise_std_px = noise.InlierStd();
     result.outlier_share = noise.OutlierShare();
-    const ceres::LossFunction* loss = &noise;
-    if (options_.loss_scale > 0.0) loss = &cauchy;
-    const FixedExtrinsicsSummary summary = Solve("final",
-                                                 *loss,
-                                                 options_.loss_scale == 0.0,
-                                                 options_.max_num_iterations,
-                                                 1e-10);
     result.converged = summary.converged;
     result.last_focal_change = summary.last_focal_change;
     result.covariance = summary.covariance;
@@ -169,6 +89,8 @@ class Refiner {
     solver_options.refine_extra_params =
         options_.refine_extra_params && !only_principal_points;
     solver_options.loss = &loss;
+    // The minima of a fixed, sharp loss are those the schedule leads to.
+    solver_options.improve_points = options_.loss_scale == 0.0;
     solver_options.max_num_iterations = max_num_iterations;
     solver_options.parameter_tolerance = tolerance;
     solver_options.compute_covariance = name == "final";
@@ -220,23 +142,24 @@ class Refiner {
     return summary;
   }
 
-  // Solves with Cauchy losses of a scale that follows the residuals: down
-  // first, then until scale and solution stay, so that nothing depends on the
-  // way.
+  // Solves with Cauchy losses of a scale that follows the residuals, until it
+  // no longer falls. Scales are rounded, so that the last one does not depend
+  // on the way there.
   void Approach() {
-    bool settled = false;
+    std_px_ = RoundedStd(std_px_);
+    bool fell = false;
     for (int i = 0; i < kMaxNumStartSolves; ++i) {
       const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px_);
       Solve(i == 0 ? "principal_points" : "start",
             loss,
             false,
             kMaxNumStartIterations,
-            settled ? kSettledTolerance : kStartTolerance);
-      const double previous_std_px = std_px_;
-      std_px_ = RobustStd(Samples(&loss));
-      const double change = std::abs(std_px_ / previous_std_px - 1.0);
-      if (settled && change < kSettledTolerance) break;
-      settled = settled || (i > 0 && change < kMinScaleReduction);
+            kStartTolerance);
+      const double std_px = RoundedStd(RobustStd(Samples(&loss)));
+      // Of the principal points alone nothing follows about the scale.
+      if (i > 0 && (std_px == std_px_ || (fell && std_px > std_px_))) break;
+      fell = fell || std_px < std_px_;
+      std_px_ = std_px;
     }
   }
 

@@ -91,7 +91,8 @@ void TrackSolver::BuildSystem(const Track& track,
       hessian += jacobian.transpose() * observation.weight * jacobian;
       system->gradient += jacobian.transpose() * observation.weighted_residual;
     }
-    hessian.diagonal() *= 1.0 + damping;
+    // Whatever the axes of the world.
+    hessian.diagonal().array() += damping * hessian.trace() / 3.0;
     system->hessian.compute(hessian);
     if (system->hessian.info() == Eigen::Success) return;
   }
@@ -116,7 +117,9 @@ double TrackSolver::Minimize(const Track& track,
     const double expected_decrease = 0.5 * step.dot(system.gradient);
     const Eigen::Vector3d new_xyz = *xyz - step;
     const double new_cost = Cost(track, states, new_xyz);
-    moved = new_cost < cost;
+    // The cost cannot resolve the last step, which gives the digits that count.
+    const bool last = !(expected_decrease > 1e-12 * cost);
+    moved = new_cost < cost || (last && new_cost <= cost * (1.0 + 1e-13));
     if (moved) {
       *xyz = new_xyz;
       cost = new_cost;
@@ -124,9 +127,72 @@ double TrackSolver::Minimize(const Track& track,
     } else {
       damping = std::max(10.0 * damping, 1e-3);
     }
-    if (!(expected_decrease > 1e-12 * cost)) break;
+    if (last) break;
   }
   return cost;
+}
+
+bool TrackSolver::HasOutlier(const Track& track,
+                             const std::vector<CameraState>& states,
+                             const Eigen::Vector3d& xyz) const {
+  double rho_at_zero[3];
+  loss_->Evaluate(0.0, rho_at_zero);
+  for (size_t i = 0; i < track.length; ++i) {
+    const Track::Observation& observation = track.observations[i];
+    const size_t camera_idx = observation.camera_idx;
+    Eigen::Vector2d xy;
+    if (!ProjectPoint(
+            *scene_->cameras[camera_idx].model, states[camera_idx], xyz, &xy)) {
+      return true;
+    }
+    double rho[3];
+    loss_->Evaluate((xy - observation.xy).squaredNorm(), rho);
+    if (rho[1] < 0.5 * rho_at_zero[1]) return true;
+  }
+  return false;
+}
+
+std::vector<Ray> TrackSolver::Rays(
+    const Track& track, const std::vector<CameraState>& states) const {
+  std::vector<Ray> rays;
+  for (size_t i = 0; i < track.length; ++i) {
+    const Track::Observation& observation = track.observations[i];
+    const CameraState& state = states[observation.camera_idx];
+    Eigen::Vector3d direction(0.0, 0.0, 1.0);
+    scene_->cameras[observation.camera_idx].model->Unproject(
+        state.params.data(),
+        observation.xy.x(),
+        observation.xy.y(),
+        direction.data());
+    if (!direction.allFinite()) continue;
+    rays.push_back({-(state.rotation.transpose() * state.translation),
+                    (state.rotation.transpose() * direction).normalized()});
+  }
+  return rays;
+}
+
+bool TrackSolver::FindLowerMinimum(const Track& track,
+                                   const std::vector<CameraState>& states,
+                                   Eigen::Vector3d* xyz) const {
+  if (!HasOutlier(track, states, *xyz)) return false;
+  const double cost = Cost(track, states, *xyz);
+  double best_cost = std::numeric_limits<double>::infinity();
+  Eigen::Vector3d best_xyz;
+  for (const Eigen::Vector3d& start : RayIntersections(Rays(track, states))) {
+    const double start_cost = Cost(track, states, start);
+    if (start_cost < best_cost) {
+      best_cost = start_cost;
+      best_xyz = start;
+    }
+  }
+  if (std::isinf(best_cost)) return false;
+  // The same minimum again, up to rounding, is no lower one.
+  constexpr double kMinDecrease = 1e-9;
+  if (!(Minimize(track, states, &best_xyz) < cost * (1.0 - kMinDecrease))) {
+    return false;
+  }
+  *xyz = best_xyz;
+  return true;
 }
 
 }  // namespace mfir

@@ -11,6 +11,7 @@
 #include <Eigen/Core>
 
 #include "linearization.h"
+#include "ray_intersection.h"
 #include "scene.h"
 
 namespace mfir {
@@ -84,7 +85,21 @@ class TrackSolver {
                   const std::vector<CameraState>& states,
                   Eigen::Vector3d* xyz) const;
 
+  // Moves `xyz`, a minimum, to a lower one if an observation is an outlier
+  // there and another choice of outliers fits better: whether it did.
+  bool FindLowerMinimum(const Track& track,
+                        const std::vector<CameraState>& states,
+                        Eigen::Vector3d* xyz) const;
+
  private:
+  // Whether the loss gives an observation less than half of its weight, or
+  // `xyz` is behind a camera.
+  bool HasOutlier(const Track& track,
+                  const std::vector<CameraState>& states,
+                  const Eigen::Vector3d& xyz) const;
+  std::vector<Ray> Rays(const Track& track,
+                        const std::vector<CameraState>& states) const;
+
   const ceres::LossFunction* loss_;
   const Scene* scene_;
   const std::vector<FreeParams> free_params_;

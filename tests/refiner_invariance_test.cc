@@ -62,7 +62,7 @@ TEST_F(InvarianceTest, LastDigitsOfKeypoints) {
 }
 
 // Rig in millimetres and elsewhere, frames as they are.
-TEST_F(InvarianceTest, DISABLED_CoordinatesOfTheRig) {
+TEST_F(InvarianceTest, CoordinatesOfTheRig) {
   ExpectRefines();
   const CameraParams expected = Params();
   colmap::Reconstruction rig = Read(Path("rig"));

@@ -207,7 +207,7 @@ TEST_F(RefinerOptionsTest, CameraModelConverts) {
             kExitUsage);
 }
 
-TEST_F(RefinerOptionsTest, DISABLED_SingleFrameMode) {
+TEST_F(RefinerOptionsTest, SingleFrameMode) {
   for (const CommandOptions& base : {CommandOptions(), Paper()}) {
     ExpectRefines(With(base,
                        {{"MultiFrame.focal_variance_weight", "0"},

@@ -1,0 +1,24 @@
+// Starts of a point: where the rays of its observations meet.
+
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace mfir {
+
+// {center + distance * direction}; `direction` has unit length.
+struct Ray {
+  Eigen::Vector3d center;
+  Eigen::Vector3d direction;
+};
+
+// Points that most of the rays may pass through although others pass far from
+// it: the point closest to all rays, by iteratively reweighted least squares
+// (Cauchy on distance to the ray over distance to the camera), then those
+// closest to pairs of rays (all pairs of few rays, each ray in two pairs of
+// many). Parallel rays give none.
+std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays);
+
+}  // namespace mfir
