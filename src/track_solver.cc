@@ -6,6 +6,12 @@
 #include <utility>
 
 namespace mfir {
+namespace {
+
+// Most intersections of rays lead to the same few minima.
+constexpr size_t kMaxNumStarts = 3;
+
+}  // namespace
 
 Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
                               const double rho[3],
@@ -176,23 +182,28 @@ bool TrackSolver::FindLowerMinimum(const Track& track,
                                    Eigen::Vector3d* xyz) const {
   if (!HasOutlier(track, states, *xyz)) return false;
   const double cost = Cost(track, states, *xyz);
-  double best_cost = std::numeric_limits<double>::infinity();
-  Eigen::Vector3d best_xyz;
+  std::vector<std::pair<double, Eigen::Vector3d>> starts;
   for (const Eigen::Vector3d& start : RayIntersections(Rays(track, states))) {
-    const double start_cost = Cost(track, states, start);
-    if (start_cost < best_cost) {
-      best_cost = start_cost;
-      best_xyz = start;
+    starts.emplace_back(Cost(track, states, start), start);
+  }
+  const size_t num_starts = std::min(starts.size(), kMaxNumStarts);
+  std::partial_sort(
+      starts.begin(),
+      starts.begin() + static_cast<std::ptrdiff_t>(num_starts),
+      starts.end(),
+      [](const auto& a, const auto& b) { return a.first < b.first; });
+  // The same minimum again, up to rounding, is no lower one.
+  double lowest_cost = cost * (1.0 - 1e-9);
+  bool lower = false;
+  for (size_t i = 0; i < num_starts; ++i) {
+    const double start_cost = Minimize(track, states, &starts[i].second);
+    if (start_cost < lowest_cost) {
+      lowest_cost = start_cost;
+      *xyz = starts[i].second;
+      lower = true;
     }
   }
-  if (std::isinf(best_cost)) return false;
-  // The same minimum again, up to rounding, is no lower one.
-  constexpr double kMinDecrease = 1e-9;
-  if (!(Minimize(track, states, &best_xyz) < cost * (1.0 - kMinDecrease))) {
-    return false;
-  }
-  *xyz = best_xyz;
-  return true;
+  return lower;
 }
 
 }  // namespace mfir
