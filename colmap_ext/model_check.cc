@@ -8,13 +8,13 @@
 
 #include "colmap_ext/compat.h"
 #include "src/errors.h"
+#include "src/parse_number.h"
 
 namespace mfir {
 namespace {
 
 // Beyond these, numbers are no coordinates but damage.
 constexpr double kMaxCoordinatePx = 1e7;
-constexpr double kMaxCoordinate = 1e15;  // world units
 
 const size_t kMaxImageSize = 1000000;  // pixels per side
 
@@ -50,7 +50,7 @@ void CheckCamera(const std::string& path, const colmap::Camera& camera) {
     if (camera.Params()[idx] <= 0.0) {
       Fail(path,
            entry,
-           "focal length " + std::to_string(camera.Params()[idx]) +
+           "focal length " + FormatNumber(camera.Params()[idx]) +
                " is not positive");
     }
   }
@@ -58,10 +58,12 @@ void CheckCamera(const std::string& path, const colmap::Camera& camera) {
 
 void CheckImage(const std::string& path, const colmap::Image& image) {
   const Rigid3 cam_from_world = CamFromWorld(image);
-  if (!cam_from_world.translation.allFinite() ||
-      cam_from_world.translation.cwiseAbs().maxCoeff() > kMaxCoordinate ||
-      !(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
-    Fail(path, ImageEntry(image), "the pose is not finite");
+  if (!(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
+    Fail(path, ImageEntry(image), "the rotation is not finite");
+  }
+  const std::string problem = CoordinateProblem(cam_from_world.translation);
+  if (!problem.empty()) {
+    Fail(path, ImageEntry(image), "the translation " + problem);
   }
   if (std::any_of(image.Name().begin(), image.Name().end(), [](char c) {
         return c == '\n' || c == '\r' || c == '\t';
@@ -156,10 +158,11 @@ void CheckPoints3D(const ModelFiles& files,
   size_t num_track_elements = 0;
   std::vector<uint64_t> elements;
   for (const auto& [point3D_id, point3D] : reconstruction.Points3D()) {
-    if (!point3D.XYZ().allFinite()) {
+    const std::string problem = CoordinateProblem(point3D.XYZ());
+    if (!problem.empty()) {
       Fail(files.points3D,
            "point " + std::to_string(point3D_id),
-           "the position is not finite");
+           "the position " + problem);
     }
     CheckTrack(
         files.points3D, point3D_id, point3D.Track(), reconstruction, &elements);
@@ -177,6 +180,17 @@ void CheckPoints3D(const ModelFiles& files,
 }
 
 }  // namespace
+
+std::string CoordinateProblem(const Eigen::Vector3d& coordinates) {
+  constexpr double kMaxCoordinate = 1e15;  // world units
+  for (const double value : coordinates) {
+    if (!(std::abs(value) <= kMaxCoordinate)) {
+      return "has the coordinate " + FormatNumber(value) +
+             ", which is not between -1e15 and 1e15";
+    }
+  }
+  return "";
+}
 
 void CheckModelValues(const ModelFiles& files,
                       const colmap::Reconstruction& reconstruction) {

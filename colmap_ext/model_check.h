@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <string>
 
+#include <Eigen/Core>
+
 namespace colmap {
 class Reconstruction;
 }
@@ -28,6 +30,10 @@ std::string ReadModelFile(const std::string& path);
 // file and line ("images.txt:12: ...").
 size_t CheckBinaryModel(const ModelFiles& files);
 size_t CheckTextModel(const ModelFiles& files);
+
+// What makes `coordinates` (world units) damage rather than a position or
+// translation; empty if nothing.
+std::string CoordinateProblem(const Eigen::Vector3d& coordinates);
 
 // Checks the values of a model that was read from `files`: finite, plausible,
 // consistent references between images and points. Throws InputError naming

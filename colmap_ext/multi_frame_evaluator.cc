@@ -65,9 +65,8 @@ EvaluatorOptions ParseOptions(int argc, char** argv) {
     throw UsageError("--ground_truth_format " + options.ground_truth_format +
                      ": must be auto, colmap, krt or opencv.");
   }
-  if (std::isinf(options.ground_truth_pixel_offset)) {
-    throw UsageError("--ground_truth_pixel_offset: must be a finite number.");
-  }
+  CheckPixelOffset("--ground_truth_pixel_offset",
+                   options.ground_truth_pixel_offset);
   return options;
 }
 

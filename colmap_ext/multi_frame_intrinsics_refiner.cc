@@ -162,9 +162,8 @@ void CheckOptions(const RefinerOptions& options) {
                        "' must be auto, colmap, krt or opencv.");
     }
   }
-  if (std::isinf(options.extrinsics_pixel_offset)) {
-    throw UsageError("--extrinsics_pixel_offset must be finite.");
-  }
+  CheckPixelOffset("--extrinsics_pixel_offset",
+                   options.extrinsics_pixel_offset);
   const std::string& features = options.multi_frame.dense_features;
   if (!features.empty() && features != "none") {
     throw UsageError(

@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -30,6 +31,16 @@ constexpr double kMaxFocalStd = 0.05;  // relative
 
 Json NumberOrNull(double value) {
   return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
+
+bool AllFinite(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double value) {
+    return std::isfinite(value);
+  });
+}
+
+bool IsFinite(const Rigid3& pose) {
+  return pose.rotation.coeffs().allFinite() && pose.translation.allFinite();
 }
 
 // The folder for unfinished output, removed with this object.
@@ -380,6 +391,36 @@ void PrepareOutputFolder(const std::string& output_path,
   WriteTextFile(temporary.Path() / "test", "test");
 }
 
+void CheckFinite(const RefinerResult& result) {
+  const auto require = [](bool is_finite, const std::string& what) {
+    if (!is_finite) {
+      throw SolverError("The solver failed: " + what +
+                        " not finite. Nothing is written. Are the start "
+                        "intrinsics of that camera or frame plausible?");
+    }
+  };
+  for (const KnownCamera& camera : result.cameras) {
+    const std::string what = " of camera '" + camera.name + "' is";
+    require(AllFinite(camera.params), "an intrinsic parameter" + what);
+    require(IsFinite(camera.cam_from_world), "the pose" + what);
+  }
+  require(std::isfinite(result.rms_px_after.back()), "the rms after is");
+  for (const FrameModel& frame : result.capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    const std::string what = " of frame '" + frame.name + "' is";
+    for (const auto& id_and_camera : frame.reconstruction->Cameras()) {
+      require(AllFinite(id_and_camera.second.Params()),
+              "an intrinsic parameter" + what);
+    }
+    for (const auto& id_and_image : frame.reconstruction->Images()) {
+      require(IsFinite(CamFromWorld(id_and_image.second)), "a pose" + what);
+    }
+    for (const auto& id_and_point : frame.reconstruction->Points3D()) {
+      require(id_and_point.second.XYZ().allFinite(), "a point" + what);
+    }
+  }
+}
+
 Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
   Json timings = Json::object();
   for (const auto& name_and_time : result.timings_s) {
@@ -417,6 +458,7 @@ Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
 std::vector<std::string> WriteResult(const std::string& output_path,
                                      const OptionParser& options,
                                      const RefinerResult& result) {
+  CheckFinite(result);
   std::vector<std::string> remarks;
   const TemporaryFolder temporary(output_path);
   const fs::path& path = temporary.Path();

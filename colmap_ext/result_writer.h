@@ -42,13 +42,17 @@ struct RefinerResult {
 void PrepareOutputFolder(const std::string& output_path,
                          const std::vector<std::string>& input_paths);
 
+// Throws SolverError, naming what, if a number of the result is not finite: no
+// model of the frames and the rig and no rms may be written then.
+void CheckFinite(const RefinerResult& result);
+
 nlohmann::ordered_json MakeSummary(const OptionParser& options,
                                    const RefinerResult& result);
 
 // Writes all files to a temporary folder inside `output_path` and moves them to
 // their places when all are complete: an interrupted run leaves an earlier
 // result as it was. Returns remarks for the log (what KRT cannot express).
-// Throws OutputError.
+// Throws OutputError, and what CheckFinite throws.
 std::vector<std::string> WriteResult(const std::string& output_path,
                                      const OptionParser& options,
                                      const RefinerResult& result);

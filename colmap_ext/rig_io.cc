@@ -9,9 +9,11 @@
 
 #include "colmap_ext/camera_models.h"
 #include "colmap_ext/compat.h"
+#include "colmap_ext/model_check.h"
 #include "colmap_ext/model_io.h"
 #include "colmap_ext/rig_formats.h"
 #include "src/errors.h"
+#include "src/parse_number.h"
 
 namespace mfir {
 namespace {
@@ -134,15 +136,26 @@ Rig ReadRig(const std::string& path,
   return rig;
 }
 
+void CheckPixelOffset(const std::string& option, double pixel_offset) {
+  constexpr double kMaxOffset = 1e4;
+  if (std::abs(pixel_offset) > kMaxOffset) {
+    throw UsageError(option + " " + FormatNumber(pixel_offset) +
+                     " is in pixels and must be between -10000 and 10000 (nan: "
+                     "0.5 for opencv, else 0).");
+  }
+}
+
 void SetPose(const Eigen::Matrix<double, 3, 4>& matrix,
              const std::string& where,
              KnownCamera* camera) {
   const double kMaxDeviation = 1e-3;
   const Eigen::Matrix3d R = matrix.leftCols<3>();
-  if (!matrix.allFinite()) {
-    throw InputError(where +
-                     ": rotation or translation is not finite. Correct "
-                     "the numbers.");
+  const std::string problem = CoordinateProblem(matrix.col(3));
+  if (!problem.empty() || !R.allFinite()) {
+    throw InputError(where + ": the " +
+                     (problem.empty() ? "rotation is not finite"
+                                      : "translation " + problem) +
+                     ". Correct the numbers.");
   }
   const double deviation =
       (R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
@@ -150,8 +163,8 @@ void SetPose(const Eigen::Matrix<double, 3, 4>& matrix,
     throw InputError(where +
                      ": the 3x3 matrix is not a rotation (R^T R differs "
                      "from the identity by " +
-                     std::to_string(deviation) + ", determinant " +
-                     std::to_string(R.determinant()) +
+                     FormatNumber(deviation) + ", determinant " +
+                     FormatNumber(R.determinant()) +
                      "). Correct the numbers; rows are those of the camera's "
                      "[R | t], x_camera = R x_world + t.");
   }
@@ -178,8 +191,8 @@ void SetIntrinsics(const Eigen::Matrix3d& K,
                      "numbers.");
   }
   if (K(0, 0) <= 0.0 || K(1, 1) <= 0.0) {
-    throw InputError(where + ": the focal lengths " + std::to_string(K(0, 0)) +
-                     ", " + std::to_string(K(1, 1)) +
+    throw InputError(where + ": the focal lengths " + FormatNumber(K(0, 0)) +
+                     ", " + FormatNumber(K(1, 1)) +
                      " must be positive. Correct K.");
   }
   if (std::abs(K(0, 1)) > 1e-6 || K(1, 0) != 0.0 || K(2, 0) != 0.0 ||

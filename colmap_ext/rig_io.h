@@ -60,6 +60,10 @@ Rig ReadRig(const std::string& path,
             const CameraNaming& naming,
             double pixel_offset);
 
+// Throws UsageError, naming `option`, for a value that cannot be an offset of
+// principal points (NaN, the default of the format, can).
+void CheckPixelOffset(const std::string& option, double pixel_offset);
+
 // Writes a KRT file: blocks "name / K (3 rows) / distortion (k1 k2 p1 p2 k3) /
 // [R|t] (3 rows) / empty line", %.17g. Cameras without model are an error in
 // the caller. Models whose distortion KRT cannot hold (fisheye, FOV, thin

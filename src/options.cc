@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "errors.h"
+#include "parse_number.h"
 
 namespace mfir {
 namespace {
@@ -13,8 +14,8 @@ namespace {
 void CheckAtLeast(const char* name, double value, double minimum) {
   if (!std::isfinite(value) || value < minimum) {
     throw UsageError(
-        "--MultiFrame." + std::string(name) + " is " + std::to_string(value) +
-        ", but must be finite and >= " + std::to_string(minimum) + ".");
+        "--MultiFrame." + std::string(name) + " is " + FormatNumber(value) +
+        ", but must be finite and >= " + FormatNumber(minimum) + ".");
   }
 }
 

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <charconv>
+#include <iterator>
+#include <string>
 #include <string_view>
 
 namespace mfir {
@@ -18,6 +20,12 @@ bool ParseNumber(std::string_view text, T* value) {
   const char* end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(text.data(), end, *value);
   return error == std::errc() && stop == end;
+}
+
+// The shortest text that reads back to the same number, for messages.
+inline std::string FormatNumber(double value) {
+  char text[32];
+  return {text, std::to_chars(std::begin(text), std::end(text), value).ptr};
 }
 
 }  // namespace mfir

@@ -250,7 +250,22 @@ TEST_F(BadInputTest, AbsurdMagnitudes) {
     });
     const CommandResult result = Refine();
     EXPECT_EQ(result.exit_code, kExitBadInput) << value << result.error;
+    EXPECT_NE(result.error.find("1e15"), std::string::npos) << result.error;
   }
+}
+
+// The range of coordinates holds for points and KRT files as well.
+TEST_F(BadInputTest, AbsurdPointsAndKRTTranslations) {
+  ChangeFrame("frame000001", [](colmap::Reconstruction* model) {
+    model->Point3D(1).SetXYZ(Eigen::Vector3d(0, 1e200, 0));
+  });
+  ExpectError(kExitBadInput, {"point 1", "1e+200", "1e15"});
+  WriteFile(Path("far.krt"),
+            "cam00\n500 0 320\n0 500 240\n0 0 1\n0 0 0 0 0\n1 0 0 1e20\n0 1 0 "
+            "0\n0 0 1 0\n\n");
+  ExpectError(kExitBadInput,
+              {"far.krt:1", "cam00", "1e+20"},
+              {{"extrinsics_path", Path("far.krt")}});
 }
 
 TEST_F(BadInputTest, AbsurdKeypointDoesNotSpoilTheResult) {

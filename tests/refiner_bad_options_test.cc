@@ -135,9 +135,15 @@ TEST_F(BadOptionsTest, WrongValues) {
   }
   ExpectError(kExitUsage, {"format"}, {{"extrinsics_format", "bal"}});
   ExpectError(kExitUsage, {"format"}, {{"ground_truth_format", "bal"}});
+  for (const char* offset : {"inf", "1e+300", "-20000"}) {
+    ExpectError(kExitUsage,
+                {"extrinsics_pixel_offset", offset},
+                {{"extrinsics_pixel_offset", offset},
+                 {"MultiFrame.use_prior_intrinsics", "1"}});
+  }
   ExpectError(kExitUsage,
-              {"extrinsics_pixel_offset"},
-              {{"extrinsics_pixel_offset", "inf"}});
+              {"is 0, but must be finite and >= 1e-12"},
+              {{"MultiFrame.reprojection_weight", "0"}});
   ExpectError(kExitUsage,
               {"refine_focal_length"},
               {{"MultiFrame.refine_focal_length", "0"},
