@@ -1,11 +1,11 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <unordered_set>
 
 #include "colmap_ext/camera_models.h"
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/model_check.h"
 #include "src/errors.h"
 
@@ -21,7 +21,7 @@ const size_t kMaxNameLength = 4096;
 class BinaryFile {
  public:
   explicit BinaryFile(const std::string& path)
-      : path_(path), data_(ReadModelFile(path)) {}
+      : path_(path), data_(ReadInputFile(path)) {}
 
   // The entry that messages name from here on, e.g. "image" 2 of 5.
   void SetEntry(const char* kind, uint64_t idx, uint64_t num) {
@@ -184,19 +184,6 @@ void CheckPoints3D(const std::string& path) {
 }
 
 }  // namespace
-
-std::string ReadModelFile(const std::string& path) {
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  std::string data(file ? static_cast<size_t>(file.tellg()) : 0, '\0');
-  file.seekg(0);
-  file.read(data.data(), data.size());
-  if (!file) {
-    throw InputError(path +
-                     ": cannot read the file. Check its permissions and the "
-                     "disk.");
-  }
-  return data;
-}
 
 size_t CheckBinaryModel(const ModelFiles& files) {
   const Ids camera_ids = CheckCameras(files.cameras);

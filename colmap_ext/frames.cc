@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <set>
 
 #include "colmap_ext/camera_models.h"
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/model_io.h"
 #include "src/alignment.h"
 #include "src/camera_conversion.h"
@@ -242,30 +242,18 @@ std::vector<std::string> ListFrames(const std::string& frames_path,
                        "sub-folder per frame.");
     }
   } else {
-    std::ifstream file(frame_list_path);
-    if (!file) {
-      throw InputError("--frame_list_path " + frame_list_path +
-                       ": cannot read the file.");
-    }
-    std::string line;
-    for (int number = 1; std::getline(file, line); ++number) {
-      colmap::StringTrim(&line);
-      if (line.empty() || line[0] == '#') continue;
-      if (line == "." || line == ".." || line.find('/') != std::string::npos) {
-        throw InputError(frame_list_path + ":" + std::to_string(number) +
-                         ": '" + line +
+    for (const ListEntry& entry :
+         ReadNameList("--frame_list_path", frame_list_path)) {
+      const std::string& name = entry.name;
+      if (name == "." || name == ".." || name.find('/') != std::string::npos) {
+        throw InputError(entry.where + "'" + name +
                          "' is a path. Give the name of a sub-folder.");
       }
-      if (!fs::is_directory(fs::path(frames_path) / line)) {
-        throw InputError(frame_list_path + ":" + std::to_string(number) +
-                         ": there is no frame '" + line + "' in " +
+      if (!fs::is_directory(fs::path(frames_path) / name, error)) {
+        throw InputError(entry.where + "there is no frame '" + name + "' in " +
                          frames_path + ".");
       }
-      names.push_back(line);
-    }
-    if (names.empty()) {
-      throw InputError("--frame_list_path " + frame_list_path +
-                       " names no frame.");
+      names.push_back(name);
     }
   }
   std::sort(names.begin(), names.end());

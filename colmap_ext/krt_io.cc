@@ -1,9 +1,7 @@
 #include <charconv>
-#include <filesystem>
 #include <fstream>
-#include <system_error>
 
-#include "colmap_ext/model_check.h"
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/rig_formats.h"
 #include "colmap_ext/rig_io.h"
 #include "colmap_ext/text_file.h"
@@ -107,11 +105,7 @@ bool WriteCamera(const KnownCamera& camera, std::ofstream* file) {
 
 std::vector<KnownCamera> ReadKRTCameras(const std::string& path,
                                         double pixel_offset) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) {
-    throw InputError(path + ": there is no such file. Give a KRT file.");
-  }
-  TextFile file(path, ReadModelFile(path), TextFile::Spacing::kAny);
+  TextFile file(path, ReadInputFile(path), TextFile::Spacing::kAny);
   std::vector<KnownCamera> cameras;
   while (file.NextContentLine()) {
     KnownCamera camera;

@@ -22,9 +22,6 @@ struct ModelFiles {
   std::string points3D;  // empty: there is none
 };
 
-// The whole file. Throws InputError if it cannot be read.
-std::string ReadModelFile(const std::string& path);
-
 // Checks structure, identifiers and quaternions (which the reader normalizes).
 // Returns the number of images. Throws InputError naming file and entry, or
 // file and line ("images.txt:12: ...").

@@ -4,13 +4,13 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <limits>
 
 #include "colmap_ext/command.h"
 #include "colmap_ext/compat.h"
 #include "colmap_ext/frames.h"
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/multi_frame_bundle_adjuster.h"
 #include "colmap_ext/option_parser.h"
 #include "colmap_ext/result_writer.h"
@@ -279,6 +279,15 @@ void LogCapture(const Rig& rig,
   }
 }
 
+// Models of frames may lie elsewhere, by links.
+std::vector<std::string> ModelPaths(const Capture& capture) {
+  std::vector<std::string> paths;
+  for (const FrameModel& frame : capture.frames) {
+    paths.push_back(frame.model_path);
+  }
+  return paths;
+}
+
 // Replaces the start by the intrinsics of RIG.
 void UsePriorIntrinsics(const Capture& capture, Scene* scene) {
   for (size_t i = 0; i < scene->cameras.size(); ++i) {
@@ -306,23 +315,15 @@ void UsePriorIntrinsics(const Capture& capture, Scene* scene) {
 // Marks the cameras of the list.
 void HoldConstantCameras(const std::string& path, Scene* scene) {
   if (path.empty()) return;
-  std::ifstream file(path);
-  if (!file) {
-    throw InputError("--constant_camera_list_path " + path +
-                     ": cannot read the file.");
-  }
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    colmap::StringTrim(&line);
-    if (line.empty() || line[0] == '#') continue;
-    const std::string name = CanonicalCameraName(line);
+  for (const ListEntry& entry :
+       ReadNameList("--constant_camera_list_path", path)) {
+    const std::string name = CanonicalCameraName(entry.name);
     const auto camera = std::find_if(
         scene->cameras.begin(),
         scene->cameras.end(),
         [&](const RigCamera& other) { return other.name == name; });
     if (camera == scene->cameras.end()) {
-      throw InputError(path + ":" + std::to_string(number) +
-                       ": there is no camera '" + line +
+      throw InputError(entry.where + "there is no camera '" + entry.name +
                        "' with images. Correct or remove the line.");
     }
     camera->constant_intrinsics = true;
@@ -460,9 +461,10 @@ RefinementResult RefineScene(const MultiFrameOptions& options,
 void Refine(const RefinerOptions& options, const OptionParser& parser) {
   const MultiFrameOptions& multi_frame = options.multi_frame;
   Progress progress(options);
-  PrepareOutputFolder(options.output_path,
-                      {options.input_path,
-                       options.extrinsics_path,
+  OutputFolder output(options.output_path,
+                      ResultNames(),
+                      options.input_path,
+                      {options.extrinsics_path,
                        options.image_path,
                        options.ground_truth_path,
                        options.frame_list_path,
@@ -476,6 +478,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   const std::vector<CameraIntrinsics> true_cameras = ReadTrueCameras(options);
   Capture capture = ReadCapture(
       options.input_path, options.frame_list_path, rig, multi_frame);
+  output.CheckKeeps(ModelPaths(capture));
   LogCapture(rig, capture, progress);
   if (multi_frame.featuremetric_weight > 0.0) {
     progress.Log("No dense features: featuremetric_weight weighs nothing");
@@ -546,17 +549,15 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   result.capture = &capture;
   result.scene = &scene;
   result.timings_s = progress.Timings();
-  for (const std::string& remark :
-       WriteResult(options.output_path, parser, result)) {
-    progress.Log(remark);
-  }
-  progress.Log("Written to " + options.output_path);
+  const WrittenResult written = WriteResult(parser, result, &output);
+  for (const std::string& remark : written.remarks) progress.Log(remark);
+  progress.Log("Written to " + written.path);
   if (!result.refinement.converged) {
     throw SolverError(
         "The last solve did not converge within " +
         std::to_string(multi_frame.max_num_iterations) +
-        " iterations; the result is written with status not_converged. Raise "
-        "--MultiFrame.max_num_iterations.");
+        " iterations; the result is in " + written.path +
+        ", with status not_converged. Raise --MultiFrame.max_num_iterations.");
   }
 }
 

@@ -1,7 +1,6 @@
 #include "colmap_ext/result_writer.h"
 
 #include <sys/resource.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -18,15 +17,6 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// In the order in which they are moved into place.
-constexpr const char* kOutputNames[] = {"rig_given",
-                                        "rig",
-                                        "frames",
-                                        "KRT",
-                                        "history.csv",
-                                        "project.ini",
-                                        "summary.json"};
-
 constexpr double kMaxFocalStd = 0.05;  // relative
 
 Json NumberOrNull(double value) {
@@ -42,29 +32,6 @@ bool AllFinite(const std::vector<double>& values) {
 bool IsFinite(const Rigid3& pose) {
   return pose.rotation.coeffs().allFinite() && pose.translation.allFinite();
 }
-
-// The folder for unfinished output, removed with this object.
-class TemporaryFolder {
- public:
-  explicit TemporaryFolder(const fs::path& parent)
-      : path_(parent / (".unfinished_" + std::to_string(getpid()))) {
-    std::error_code error;
-    fs::create_directories(path_, error);
-    if (error) {
-      throw OutputError("--output_path " + parent.string() +
-                        ": cannot write to the folder: " + error.message() +
-                        ".");
-    }
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  const fs::path& Path() const { return path_; }
-
- private:
-  const fs::path path_;
-};
 
 void WriteTextFile(const fs::path& path, const std::string& text) {
   std::ofstream file(path);
@@ -347,49 +314,7 @@ size_t PeakRss() {
   return static_cast<size_t>(usage.ru_maxrss) * 1024;
 }
 
-// Moves `name` from the temporary folder to its place; what was there before
-// goes to the temporary folder and away with it.
-void MoveIntoPlace(const fs::path& temporary,
-                   const fs::path& output,
-                   const std::string& name) {
-  if (!fs::exists(temporary / name)) return;
-  if (fs::exists(output / name)) {
-    fs::rename(output / name, temporary / ("old_" + name));
-  }
-  fs::rename(temporary / name, output / name);
-}
-
 }  // namespace
-
-void PrepareOutputFolder(const std::string& output_path,
-                         const std::vector<std::string>& input_paths) {
-  std::error_code error;
-  if (fs::exists(output_path, error) && !fs::is_directory(output_path, error)) {
-    throw OutputError("--output_path " + output_path +
-                      " is a file. Give a folder.");
-  }
-  for (const std::string& input_path : input_paths) {
-    const fs::path input = fs::weakly_canonical(input_path, error);
-    for (const char* name : kOutputNames) {
-      const fs::path output =
-          fs::weakly_canonical(fs::path(output_path) / name, error);
-      const auto mismatch = std::mismatch(
-          output.begin(), output.end(), input.begin(), input.end());
-      if (!input_path.empty() && mismatch.first == output.end()) {
-        throw OutputError("--output_path " + output_path + ": the result's '" +
-                          name + "' would replace the input " + input_path +
-                          ". Give another folder.");
-      }
-    }
-  }
-  fs::create_directories(output_path, error);
-  if (error) {
-    throw OutputError("--output_path " + output_path +
-                      ": cannot create the folder: " + error.message() + ".");
-  }
-  const TemporaryFolder temporary(output_path);
-  WriteTextFile(temporary.Path() / "test", "test");
-}
 
 void CheckFinite(const RefinerResult& result) {
   const auto require = [](bool is_finite, const std::string& what) {
@@ -455,13 +380,23 @@ Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
   return summary;
 }
 
-std::vector<std::string> WriteResult(const std::string& output_path,
-                                     const OptionParser& options,
-                                     const RefinerResult& result) {
+const std::vector<std::string>& ResultNames() {
+  static const std::vector<std::string> names = {"rig_given",
+                                                 "rig",
+                                                 "frames",
+                                                 "KRT",
+                                                 "history.csv",
+                                                 "project.ini",
+                                                 "summary.json"};
+  return names;
+}
+
+WrittenResult WriteResult(const OptionParser& options,
+                          const RefinerResult& result,
+                          OutputFolder* output) {
   CheckFinite(result);
-  std::vector<std::string> remarks;
-  const TemporaryFolder temporary(output_path);
-  const fs::path& path = temporary.Path();
+  WrittenResult written;
+  const fs::path& path = output->TemporaryPath();
   try {
     WriteModel(path / "rig", true, MakeRigModel(result.cameras));
     if (result.soft_extrinsics) {
@@ -474,8 +409,8 @@ std::vector<std::string> WriteResult(const std::string& output_path,
     }
     for (const std::string& name :
          WriteKRT((path / "KRT").string(), result.cameras)) {
-      remarks.push_back("KRT cannot hold the distortion of camera '" + name +
-                        "'; it has zeros there.");
+      written.remarks.push_back("KRT cannot hold the distortion of camera '" +
+                                name + "'; it has zeros there.");
     }
     options.Write((path / "project.ini").string());
     WriteTextFile(path / "history.csv", MakeHistory(result.stages));
@@ -483,17 +418,11 @@ std::vector<std::string> WriteResult(const std::string& output_path,
                   MakeSummary(options, result)
                           .dump(2, ' ', false, Json::error_handler_t::replace) +
                       "\n");
-    if (!result.soft_extrinsics) {
-      fs::remove_all(fs::path(output_path) / "rig_given");
-    }
-    for (const char* name : kOutputNames) {
-      MoveIntoPlace(path, output_path, name);
-    }
+    written.path = output->Publish(result.refinement.converged).string();
   } catch (const fs::filesystem_error& error) {
-    throw OutputError("--output_path " + output_path + ": " + error.what() +
-                      ".");
+    throw OutputError(std::string("--output_path: ") + error.what() + ".");
   }
-  return remarks;
+  return written;
 }
 
 }  // namespace mfir

@@ -9,6 +9,7 @@
 
 #include "colmap_ext/frames.h"
 #include "colmap_ext/option_parser.h"
+#include "colmap_ext/output_folder.h"
 #include "src/evaluation.h"
 #include "src/refinement.h"
 #include "src/scene.h"
@@ -36,11 +37,8 @@ struct RefinerResult {
   nlohmann::ordered_json evaluation;  // null without a ground truth
 };
 
-// Creates the output folder and makes sure, before any time is spent, that it
-// can be written to and that none of `input_paths` (empty ones are skipped)
-// would be replaced by a result. Throws OutputError.
-void PrepareOutputFolder(const std::string& output_path,
-                         const std::vector<std::string>& input_paths);
+// The files and folders of a result, as OutputFolder takes them.
+const std::vector<std::string>& ResultNames();
 
 // Throws SolverError, naming what, if a number of the result is not finite: no
 // model of the frames and the rig and no rms may be written then.
@@ -49,12 +47,15 @@ void CheckFinite(const RefinerResult& result);
 nlohmann::ordered_json MakeSummary(const OptionParser& options,
                                    const RefinerResult& result);
 
-// Writes all files to a temporary folder inside `output_path` and moves them to
-// their places when all are complete: an interrupted run leaves an earlier
-// result as it was. Returns remarks for the log (what KRT cannot express).
-// Throws OutputError, and what CheckFinite throws.
-std::vector<std::string> WriteResult(const std::string& output_path,
-                                     const OptionParser& options,
-                                     const RefinerResult& result);
+struct WrittenResult {
+  std::string path;                  // see OutputFolder::Publish
+  std::vector<std::string> remarks;  // what KRT cannot express
+};
+
+// Writes all files to the temporary folder of `output` and publishes them when
+// all are complete. Throws OutputError, and what CheckFinite throws.
+WrittenResult WriteResult(const OptionParser& options,
+                          const RefinerResult& result,
+                          OutputFolder* output);
 
 }  // namespace mfir

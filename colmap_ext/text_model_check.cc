@@ -4,6 +4,7 @@
 #include <unordered_set>
 
 #include "colmap_ext/camera_models.h"
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/model_check.h"
 #include "colmap_ext/text_file.h"
 
@@ -32,7 +33,7 @@ void ReadNewId(TextFile* file, const char* field, Ids* ids) {
 }
 
 TextFile OpenModelFile(const std::string& path) {
-  return TextFile(path, ReadModelFile(path), TextFile::Spacing::kOneSpace);
+  return TextFile(path, ReadInputFile(path), TextFile::Spacing::kOneSpace);
 }
 
 Ids CheckCameras(const std::string& path) {

@@ -104,11 +104,37 @@ TEST_F(BadInputTest, FrameList) {
               {{"frame_list_path", Path("list")}});
   WriteFile(Path("list"), "\n\n");
   ExpectError(
-      kExitBadInput, {"list", "no frame"}, {{"frame_list_path", Path("list")}});
+      kExitBadInput, {"list", "no name"}, {{"frame_list_path", Path("list")}});
 }
 
 // Names of a frame list are names in FRAMES, not paths: they are also the names
 // of what is written.
+// A pipe would never end.
+TEST_F(BadInputTest, OnlyRegularFilesAreRead) {
+  ASSERT_EQ(RunShell("mkfifo " + Path("pipe")).exit_code, 0);
+  for (const std::string& path : {Path("pipe"), std::string("/dev/zero")}) {
+    for (const char* option : {"frame_list_path",
+                               "constant_camera_list_path",
+                               "extrinsics_path",
+                               "ground_truth_path"}) {
+      SCOPED_TRACE(option);
+      ExpectError(kExitBadInput, {path}, {{option, path}});
+    }
+    ExpectError(kExitBadInput,
+                {path},
+                {{"extrinsics_path", path}, {"extrinsics_format", "krt"}});
+    ExpectError(kExitUsage, {path}, {{"project_path", path}});
+  }
+  for (const char* name : {"rig/cameras.txt", "opencv/extri.yml"}) {
+    const fs::path path = Path(name);
+    fs::create_directories(path.parent_path());
+    fs::remove(path);
+    ASSERT_EQ(RunShell("mkfifo " + path.string()).exit_code, 0);
+    const std::string folder = path.parent_path().string();
+    ExpectError(kExitBadInput, {folder}, {{"extrinsics_path", folder}});
+  }
+}
+
 TEST_F(BadInputTest, FrameListOfPathsNeverWritesToTheInput) {
   UseTextModels();
   const auto before = Files("frames");

@@ -1,5 +1,4 @@
-// What the commands do with options and output folders that cannot work: exit
-// code, message, and that an earlier result stays.
+// What the commands do with options that cannot work: exit code and message.
 
 #include "tests/refiner_runner.h"
 
@@ -9,90 +8,6 @@ namespace {
 namespace fs = std::filesystem;
 
 using BadOptionsTest = RefinerTest;
-
-TEST_F(BadOptionsTest, UnwritableOutput) {
-  WriteFile(Path("file"), "keep me");
-  ExpectError(
-      kExitOutput, {Path("file"), "folder"}, {{"output_path", Path("file")}});
-  ExpectError(
-      kExitOutput, {Path("file/out")}, {{"output_path", Path("file/out")}});
-  EXPECT_EQ(ReadFile(Path("file")), "keep me");
-  ExpectError(kExitOutput, {"/proc/out"}, {{"output_path", "/proc/out"}});
-}
-
-// Folder names of the result are those of a capture.
-TEST_F(BadOptionsTest, OutputNeverReplacesTheInput) {
-  const auto frames = Files("frames");
-  const auto rig = Files("rig");
-  EXPECT_NE(Refine({{"output_path", folder_.Path()}}).exit_code, kExitSuccess);
-  EXPECT_TRUE(frames == Files("frames"));
-  EXPECT_TRUE(rig == Files("rig"));
-  fs::rename(Path("rig"), Path("frames/rig"));
-  EXPECT_NE(Refine({{"output_path", Path("frames")},
-                    {"extrinsics_path", Path("frames/rig")}})
-                .exit_code,
-            kExitSuccess);
-  EXPECT_TRUE(rig == Files("frames/rig"));
-}
-
-TEST_F(BadOptionsTest, FullDiskLeavesTheEarlierResult) {
-  fs::create_directories(Path("disk"));
-  if (RunShell("mount -t tmpfs -o size=4m none " + Path("disk")).exit_code !=
-      0) {
-    GTEST_SKIP() << "needs the right to mount a small disk";
-  }
-  ExpectRefines({{"output_path", Path("disk/out")}});
-  RunShell("head -c 100m /dev/zero >" + Path("disk/full"));
-  const auto before = Files("disk/out");
-  const CommandResult result = Refine(
-      {{"output_path", Path("disk/out")}, {"MultiFrame.loss_scale", "1"}});
-  const auto after = Files("disk/out");
-  RunShell("umount " + Path("disk"));
-  EXPECT_EQ(result.exit_code, kExitOutput) << result.error;
-  EXPECT_NE(result.error.find("disk full"), std::string::npos) << result.error;
-  EXPECT_TRUE(before == after);
-}
-
-TEST_F(BadOptionsTest, EarlierResultSurvivesFailingRuns) {
-  ExpectRefines();
-  const auto before = Files("out");
-  WriteFile(Path("empty_rig/cameras.txt"), "");
-  WriteFile(Path("empty_rig/images.txt"), "");
-  const std::vector<CommandOptions> failing = {
-      {{"input_path", Path("missing")}},
-      {{"extrinsics_path", Path("missing")}},
-      {{"extrinsics_path", Path("empty_rig")}},
-      {{"ground_truth_path", Path("missing")}},
-      {{"frame_list_path", Path("missing")}},
-      {{"MultiFrame.loss_scale", "-1"}},
-      {{"MultiFrame.camera_name_regex", "(cam)"}},
-      {{"MultiFrame.nonsense", "1"}},
-      {{"project_path", Path("missing")}}};
-  for (const CommandOptions& options : failing) {
-    EXPECT_NE(Refine(options).exit_code, kExitSuccess)
-        << testing::PrintToString(options);
-    EXPECT_TRUE(before == Files("out")) << testing::PrintToString(options);
-  }
-}
-
-TEST_F(BadOptionsTest, InterruptedRunLeavesTheEarlierResult) {
-  ExpectRefines();
-  const auto before = Files("out");
-  for (const char* delay : {"0.02", "0.3"}) {
-    RunShell("timeout -s INT " + std::string(delay) + " " +
-             ShellQuoted(MFIR_COLMAP_EXE) +
-             " multi_frame_intrinsics_refiner --input_path " + Path("frames") +
-             " --extrinsics_path " + Path("rig") + " --output_path " +
-             Path("out") + " --MultiFrame.preset paper");
-    auto after = Files("out");
-    for (auto it = after.begin(); it != after.end();) {
-      it = it->first.rfind(".unfinished_", 0) == 0 ? after.erase(it)
-                                                   : std::next(it);
-    }
-    EXPECT_TRUE(before == after);
-  }
-  ExpectRefines();
-}
 
 TEST_F(BadOptionsTest, WrongValues) {
   const std::vector<std::pair<std::string, std::string>> cases = {
@@ -191,16 +106,10 @@ TEST_F(BadOptionsTest, ProjectFiles) {
   expect_error("[MultiFrame]\npreset=fast\n", {"preset", "fast"});
   expect_error("nonsense\n", {"project.ini", "nonsense"});
   expect_error("[MultiFrame\nloss_scale=1\n", {"project.ini"});
+  expect_error("input_pth=x\n", {"project.ini:1", "input_pth", "input_path"});
   // A section that only its case tells from ours.
   expect_error("[Multiframe]\nloss_scale=1\n", {"Multiframe"});
   ExpectError(kExitUsage, {folder_.Path()}, {{"project_path", folder_.Path()}});
-}
-
-TEST_F(BadOptionsTest, NotConvergedIsAnErrorWithAResult) {
-  ExpectError(kExitSolver,
-              {"max_num_iterations"},
-              {{"MultiFrame.max_num_iterations", "1"}});
-  EXPECT_EQ(Summary()["result"]["status"], "not_converged");
 }
 
 TEST_F(BadOptionsTest, Evaluator) {

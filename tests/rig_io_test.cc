@@ -283,7 +283,7 @@ TEST(ReadRig, Detection) {
   ExpectInputError([&] { Read(folder / "no"); },
                    {"no such file or folder", "cameras and images", "KRT"});
   ExpectInputError([&] { Read(folder.Path()); }, {"not a known rig format"});
-  ExpectInputError([&] { Read(folder.Path(), "krt"); }, {"no such file"});
+  ExpectInputError([&] { Read(folder.Path(), "krt"); }, {"folder", "a file"});
   ExpectInputError([&] { Read(folder.Path(), "opencv"); }, {"extri.yml"});
   ExpectInputError([&] { Read(folder.Path(), "colmap"); }, {"cameras"});
   EXPECT_THROW(Read(folder.Path(), "kalibr"), UsageError);

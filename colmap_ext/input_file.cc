@@ -1,0 +1,60 @@
+#include "colmap_ext/input_file.h"
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <system_error>
+
+#include "colmap_ext/compat.h"
+#include "src/errors.h"
+
+namespace mfir {
+
+std::string ReadInputFile(const std::string& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (!std::filesystem::exists(status)) {
+    throw InputError(path + ": there is no such file. Correct the path.");
+  }
+  if (!std::filesystem::is_regular_file(status)) {
+    throw InputError(path + " is not a regular file but a " +
+                     (std::filesystem::is_directory(status)
+                          ? "folder. Give a file."
+                          : "pipe or device. Save its content to a file."));
+  }
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  std::string data(file ? static_cast<size_t>(file.tellg()) : 0, '\0');
+  file.seekg(0);
+  file.read(data.data(), static_cast<std::streamsize>(data.size()));
+  if (!file) {
+    throw InputError(path +
+                     ": cannot read the file. Check its permissions and the "
+                     "disk.");
+  }
+  return data;
+}
+
+std::vector<ListEntry> ReadNameList(const std::string& option,
+                                    const std::string& path) {
+  std::istringstream file;
+  try {
+    file.str(ReadInputFile(path));
+  } catch (const InputError& error) {
+    throw InputError(option + " " + error.what());
+  }
+  std::vector<ListEntry> entries;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    colmap::StringTrim(&line);
+    if (!line.empty() && line[0] != '#') {
+      entries.push_back({line, path + ":" + std::to_string(number) + ": "});
+    }
+  }
+  if (entries.empty()) {
+    throw InputError(option + " " + path +
+                     " has no name in it. Write one per line.");
+  }
+  return entries;
+}
+
+}  // namespace mfir
