@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <filesystem>
 #include <fstream>
 #include <iomanip>
 #include <limits>
@@ -13,6 +12,7 @@
 #include <boost/program_options.hpp>
 
 #include "colmap_ext/compat.h"
+#include "colmap_ext/input_file.h"
 #include "src/errors.h"
 
 namespace mfir {
@@ -25,24 +25,26 @@ std::string Section(const std::string& name) {
   return dot == std::string::npos ? "" : name.substr(0, dot);
 }
 
-// boost cuts a line at any '#'. Here only one at the beginning of a word,
-// outside of a quoted value, starts a comment: paths and regular expressions
-// may contain others.
-constexpr char kProtectedHash = '\x01';
+std::string Trimmed(const std::string& text) {
+  const char* const kSpace = " \t\r\n\v\f";
+  const size_t begin = text.find_first_not_of(kSpace);
+  return begin == std::string::npos
+             ? ""
+             : text.substr(begin, text.find_last_not_of(kSpace) + 1 - begin);
+}
 
-std::string ProtectHashes(std::istream& stream) {
-  std::string text;
-  std::string line;
-  while (std::getline(stream, line)) {
-    const bool quoted = line.find("=\"") != std::string::npos;
-    for (size_t i = 1; i < line.size(); ++i) {
-      if (line[i] == '#' && (quoted || !std::isspace(line[i - 1]))) {
-        line[i] = kProtectedHash;
-      }
-    }
-    text += line + "\n";
+// A '#' begins a comment only at the beginning of a word and outside of a
+// quoted value: paths and regular expressions may contain others.
+std::string WithoutComment(const std::string& line) {
+  if (line.find("=\"") != std::string::npos && Trimmed(line)[0] != '#') {
+    return line;
   }
-  return text;
+  for (size_t i = 0; i < line.size(); ++i) {
+    if (line[i] == '#' && (i == 0 || std::isspace(line[i - 1]))) {
+      return line.substr(0, i);
+    }
+  }
+  return line;
 }
 
 // A value with a '#' is written in double quotes.
@@ -50,30 +52,66 @@ std::string Quote(const std::string& value) {
   return value.find('#') == std::string::npos ? value : "\"" + value + "\"";
 }
 
-std::string Unquote(std::string value) {
-  std::replace(value.begin(), value.end(), kProtectedHash, '#');
-  if (value.size() >= 2 && value.front() == '"' && value.back() == '"' &&
-      value.find('#') != std::string::npos) {
-    value = value.substr(1, value.size() - 2);
-  }
-  return value;
+std::string Unquote(const std::string& value) {
+  const bool quoted = value.size() >= 2 && value.front() == '"' &&
+                      value.back() == '"' &&
+                      value.find('#') != std::string::npos;
+  return quoted ? value.substr(1, value.size() - 2) : value;
 }
 
-// Line of the ini file that sets `key` ("name" or "Section.name"); 0 if none.
-int FindIniLine(const std::string& path, const std::string& key) {
-  const std::string name = key.substr(key.find('.') + 1);
-  std::ifstream file(path);
-  std::string line;
+struct IniEntry {
+  std::string key;  // "name" or "Section.name"
+  std::string value;
+  std::string where;  // "PATH:LINE: ", for messages
+};
+
+// Boost's reader of ini files, which COLMAP uses, knows no line numbers, cuts
+// values at any '#' and takes [ MultiFrame ] for another section than
+// [MultiFrame].
+std::vector<IniEntry> ParseIni(const std::string& path) {
+  std::istringstream file;
+  try {
+    file.str(ReadInputFile(path));
+  } catch (const InputError& error) {
+    throw UsageError(std::string("--project_path ") + error.what());
+  }
+  std::vector<IniEntry> entries;
   std::string section;
+  std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
-    line.erase(std::remove_if(line.begin(), line.end(), ::isspace), line.end());
-    if (!line.empty() && line[0] == '[') {
-      section = line.substr(1, line.find(']') - 1);
-    } else if (section == Section(key) && line.rfind(name + "=", 0) == 0) {
-      return number;
+    const std::string kByteOrderMark = "\xef\xbb\xbf";
+    if (number == 1 && line.rfind(kByteOrderMark, 0) == 0) {
+      line.erase(0, kByteOrderMark.size());
+    }
+    line = Trimmed(WithoutComment(line));
+    const std::string where = path + ":" + std::to_string(number) + ": ";
+    const size_t equals = line.find('=');
+    if (line.empty()) continue;
+    if (line.front() == '[' && line.back() == ']') {
+      section = Trimmed(line.substr(1, line.size() - 2));
+    } else if (line.front() == '[' || equals == std::string::npos ||
+               equals == 0) {
+      throw UsageError(where + "'" + line.substr(0, 60) +
+                       "' is neither name=value nor a [section]. Correct the "
+                       "line.");
+    } else {
+      entries.push_back({(section.empty() ? "" : section + ".") +
+                             Trimmed(line.substr(0, equals)),
+                         Unquote(Trimmed(line.substr(equals + 1))),
+                         where});
     }
   }
-  return 0;
+  return entries;
+}
+
+// Names without a section that COLMAP's commands and ours take, found in their
+// sources by CMake.
+bool IsOptionOfAnotherCommand(const std::string& name) {
+  static const char* const kNames[] = {
+#include <option_names.inc>
+  };
+  return std::find(std::begin(kNames), std::end(kNames), name) !=
+         std::end(kNames);
 }
 
 template <typename T>
@@ -271,52 +309,44 @@ std::string OptionParser::DidYouMean(const std::string& name) const {
 }
 
 std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
-  std::ifstream file(path);
-  std::error_code error;
-  if (!file || std::filesystem::is_directory(path, error)) {
-    throw UsageError("--project_path " + path + ": cannot read the file.");
-  }
-  std::vector<po::option> ini_options;
-  try {
-    const po::options_description none;
-    std::istringstream protected_text(ProtectHashes(file));
-    ini_options = po::parse_config_file(protected_text, none, true).options;
-  } catch (const po::error& error) {
-    throw UsageError("--project_path " + path + ": " + error.what() + ".");
-  }
-
   std::vector<std::string> arguments;
   std::vector<std::string> seen;
-  for (const po::option& ini_option : ini_options) {
-    const std::string& key = ini_option.string_key;
-    const std::string where =
-        path + ":" + std::to_string(FindIniLine(path, key)) + ": ";
-    if (Find(key) == nullptr) {
-      const std::string suggestion = DidYouMean(key);
-      for (const Option& option : options_) {
-        const std::string section = Section(option.name);
-        if (section != Section(key) &&
-            strcasecmp(section.c_str(), Section(key).c_str()) == 0) {
-          throw UsageError(where + "the section [" + Section(key) +
-                           "] must be [" + section + "].");
-        }
-      }
-      if (Section(key).empty() || Section(key) == shared_section_ ||
-          suggestion.empty()) {
-        continue;  // An option of another command.
-      }
-      throw UsageError(where + "there is no option '" + key + "'." +
-                       suggestion);
+  for (const IniEntry& entry : ParseIni(path)) {
+    if (Find(entry.key) == nullptr) {
+      CheckForeignKey(entry.key, entry.where);
+      continue;
     }
-    if (std::find(seen.begin(), seen.end(), key) != seen.end()) {
-      throw UsageError(where + "'" + key + "' is set twice.");
+    if (std::find(seen.begin(), seen.end(), entry.key) != seen.end()) {
+      throw UsageError(entry.where + "'" + entry.key + "' is set twice.");
     }
-    seen.push_back(key);
+    seen.push_back(entry.key);
     // An empty value, as Write leaves it for an unset path, is the default.
-    if (ini_option.value.empty() || ini_option.value[0].empty()) continue;
-    arguments.push_back("--" + key + "=" + Unquote(ini_option.value[0]));
+    if (entry.value.empty()) continue;
+    arguments.push_back("--" + entry.key + "=" + entry.value);
   }
   return arguments;
+}
+
+// Throws unless `key`, which is none of ours, belongs to another command.
+void OptionParser::CheckForeignKey(const std::string& key,
+                                   const std::string& where) const {
+  const std::string section = Section(key);
+  bool own_section = section.empty();
+  for (const Option& option : options_) {
+    const std::string own = Section(option.name);
+    own_section = own_section || own == section;
+    if (own != section && strcasecmp(own.c_str(), section.c_str()) == 0) {
+      throw UsageError(where + "the section [" + section + "] must be [" + own +
+                       "].");
+    }
+  }
+  const bool foreign = section.empty()
+                           ? IsOptionOfAnotherCommand(key)
+                           : !own_section || section == shared_section_;
+  if (!foreign) {
+    throw UsageError(where + "there is no option '" + key + "'." +
+                     DidYouMean(key));
+  }
 }
 
 const OptionParser::Option* OptionParser::Find(const std::string& name) const {

@@ -1,6 +1,7 @@
 // Command options on top of COLMAP's OptionManager, with what it lacks: the
-// command line overrides the project ini file, sections of other commands are
-// skipped, and a typo in a section of ours is an error.
+// command line overrides the project ini file, sections and names of other
+// commands are skipped, and a typo in a section of ours or before the first
+// section is an error.
 
 #pragma once
 
@@ -66,6 +67,7 @@ class OptionParser {
   void ParsePass(const std::vector<std::string>& arguments) const;
   std::vector<std::string> ReadIni(const std::string& path) const;
   void CheckName(const std::string& argument) const;
+  void CheckForeignKey(const std::string& key, const std::string& where) const;
   std::string DidYouMean(const std::string& name) const;
   const Option* Find(const std::string& name) const;
 

@@ -175,6 +175,36 @@ TEST_F(OptionParserTest, TypoInOwnSectionNamesLineAndSuggestion) {
                     "Did you mean 'MultiFrame.loss_scale'?"});
 }
 
+TEST_F(OptionParserTest, SectionsMayHaveSpacesInTheirBrackets) {
+  Command command;
+  command.Parse(Ini("\xef\xbb\xbf[ MultiFrame ] # ours\nloss_scale=6\n"));
+  EXPECT_EQ(command.loss_scale, 6.0);
+  ExpectUsageError(Ini("\n[ MultiFrame ]\nlos_scale=6\n"),
+                   {path_ + ":3:", "'MultiFrame.loss_scale'"});
+}
+
+TEST_F(OptionParserTest, SectionInTheWrongCaseNamesLine) {
+  ExpectUsageError(Ini("\n[ multiframe ]\nloss scale = 6\n"),
+                   {path_ + ":3:", "[multiframe]", "must be [MultiFrame]"});
+}
+
+TEST_F(OptionParserTest, TypoBeforeTheFirstSectionNamesLineAndSuggestion) {
+  ExpectUsageError(Ini("\ninput_pth = x\n"),
+                   {path_ + ":2:", "'input_pth'", "'input_path'"});
+  // What COLMAP's commands and our other ones take.
+  Command command;
+  command.Parse(
+      Ini("database_path=x\nlog_to_stderr=0\nimage_list_path=x\n"
+          "vocab_tree_path=x\nground_truth_pixel_offset=0\n"));
+}
+
+TEST_F(OptionParserTest, LineThatIsNoOptionIsNamed) {
+  for (const char* line : {"nonsense", "=5", "[MultiFrame", "[MultiFrame]x"}) {
+    ExpectUsageError(Ini(std::string("# first\n") + line + "\n"),
+                     {path_ + ":2:", line});
+  }
+}
+
 TEST_F(OptionParserTest, TypoOnCommandLineNamesSuggestion) {
   ExpectUsageError(
       {"--MultiFrame.num_thread", "2"},
