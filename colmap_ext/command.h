@@ -13,5 +13,6 @@ int RunCommand(const std::function<void()>& body);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
 int RunMultiFrameEvaluator(int argc, char** argv);
 int RunMultiFrameSimulator(int argc, char** argv);
+int RunMultiFrameTriangulator(int argc, char** argv);
 
 }  // namespace mfir

@@ -9,4 +9,5 @@ COLMAP_REGISTER_COMMAND("multi_frame_evaluator", RunMultiFrameEvaluator);
 COLMAP_REGISTER_COMMAND("multi_frame_intrinsics_refiner",
                         RunMultiFrameIntrinsicsRefiner);
 COLMAP_REGISTER_COMMAND("multi_frame_simulator", RunMultiFrameSimulator);
+COLMAP_REGISTER_COMMAND("multi_frame_triangulator", RunMultiFrameTriangulator);
 }  // namespace

@@ -11,18 +11,31 @@
 #include "base/camera.h"
 #include "base/camera_models.h"
 #include "base/cost_functions.h"
+#include "base/database.h"
+#include "base/database_cache.h"
+#include "base/essential_matrix.h"
 #include "base/image.h"
 #include "base/pose.h"
 #include "base/reconstruction.h"
 #include "base/similarity_transform.h"
 #include "exe/extension.h"
 #include "optim/bundle_adjustment.h"
+#include "sfm/incremental_mapper.h"
 #include "src/scene.h"
 #include "util/bitmap.h"
+#include "util/cuda.h"
 #include "util/logging.h"
 #include "util/misc.h"
 #include "util/option_manager.h"
+#include "util/random.h"
 #include "util/version.h"
+
+// util/opengl_utils.h has unused parameters where OpenGL is off.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#include "feature/extraction.h"
+#include "feature/matching.h"
+#pragma GCC diagnostic pop
 
 namespace mfir {
 
@@ -51,6 +64,16 @@ inline Eigen::Quaterniond StableQuaternion(const Eigen::Quaterniond& q) {
     qvec = normalized;
   }
   return Eigen::Quaterniond(qvec(0), qvec(1), qvec(2), qvec(3));
+}
+
+// Whether COLMAP's SIFT can run on a GPU here. Its OpenGL variant needs a
+// window system and the main thread, and is not used.
+inline bool HasGpuSift() {
+#ifdef CUDA_ENABLED
+  return colmap::GetNumCudaDevices() > 0;
+#else
+  return false;
+#endif
 }
 
 // Applies new_from_old to all poses and points.

@@ -220,13 +220,14 @@ std::vector<colmap::point3D_t> SortedPointIds(
 
 }  // namespace
 
-std::vector<std::string> ListFrames(const std::string& frames_path,
+std::vector<std::string> ListFrames(const std::string& option_name,
+                                    const std::string& frames_path,
                                     const std::string& frame_list_path) {
   namespace fs = std::filesystem;
   std::error_code error;
   if (!fs::is_directory(frames_path, error)) {
     throw InputError(
-        "--input_path " + frames_path +
+        "--" + option_name + " " + frames_path +
         " is not a folder. Give the folder with one sub-folder per frame.");
   }
   std::vector<std::string> names;
@@ -237,7 +238,7 @@ std::vector<std::string> ListFrames(const std::string& frames_path,
       }
     }
     if (names.empty()) {
-      throw InputError("--input_path " + frames_path +
+      throw InputError("--" + option_name + " " + frames_path +
                        " has no sub-folder. Give the folder with one "
                        "sub-folder per frame.");
     }
@@ -295,7 +296,7 @@ Capture ReadCapture(const std::string& frames_path,
 
   const CameraNaming naming(options.camera_name_regex);
   const std::vector<std::string> names =
-      ListFrames(frames_path, frame_list_path);
+      ListFrames("input_path", frames_path, frame_list_path);
   bool any_match = false;
   for (size_t i = 0; i < names.size(); ++i) {
     FrameModel frame = ReadFrame(

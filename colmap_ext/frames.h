@@ -40,10 +40,12 @@ struct Capture {
   size_t NumUsedFrames() const;
 };
 
-// Names of the frames in `frames_path`, sorted: its sub-folders, or those that
-// `frame_list_path` (if not empty) names, one per line. Throws InputError when
-// there is none or one of the list does not exist.
-std::vector<std::string> ListFrames(const std::string& frames_path,
+// Names of the frames in `frames_path`, the value of the option `option_name`,
+// sorted: its sub-folders, or those that `frame_list_path` (if not empty)
+// names, one per line. Throws InputError when there is none or one of the list
+// does not exist.
+std::vector<std::string> ListFrames(const std::string& option_name,
+                                    const std::string& frames_path,
                                     const std::string& frame_list_path);
 
 // Reads all frames in `frames_path` (those of `frame_list_path`, one name per

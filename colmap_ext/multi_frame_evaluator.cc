@@ -56,7 +56,7 @@ EvaluatorOptions ParseOptions(int argc, char** argv) {
              &options.frame_list_path,
              "File with the names of the frames to evaluate, one per line");
   parser.Add("output_path", &options.output_path, "JSON file to write");
-  parser.SetSharedSection("MultiFrame");
+  parser.AddSharedSection("MultiFrame");
   parser.Parse(argc, argv);
 
   const std::vector<std::string> formats = {"auto", "colmap", "krt", "opencv"};
@@ -121,7 +121,7 @@ std::vector<CameraIntrinsics> ReadTrueCameras(const EvaluatorOptions& options,
 std::vector<FrameEstimate> ReadFrameEstimates(const EvaluatorOptions& options,
                                               const CameraNaming& naming) {
   const std::vector<std::string> names =
-      ListFrames(options.input_path, options.frame_list_path);
+      ListFrames("input_path", options.input_path, options.frame_list_path);
   std::vector<FrameEstimate> estimates;
   for (const std::string& name : names) {
     const std::string model_path =

@@ -340,9 +340,11 @@ void OptionParser::CheckForeignKey(const std::string& key,
                        "].");
     }
   }
-  const bool foreign = section.empty()
-                           ? IsOptionOfAnotherCommand(key)
-                           : !own_section || section == shared_section_;
+  const bool shared = std::find(shared_sections_.begin(),
+                                shared_sections_.end(),
+                                section) != shared_sections_.end();
+  const bool foreign = section.empty() ? IsOptionOfAnotherCommand(key)
+                                       : !own_section || shared;
   if (!foreign) {
     throw UsageError(where + "there is no option '" + key + "'." +
                      DidYouMean(key));

@@ -32,8 +32,8 @@ class OptionParser {
 
   // A section that belongs to another command as well: names in it that are not
   // registered here are skipped in an ini file.
-  void SetSharedSection(const std::string& section) {
-    shared_section_ = section;
+  void AddSharedSection(const std::string& section) {
+    shared_sections_.push_back(section);
   }
 
   // Parses --project_path (if given), then the command line. If `preset_name`
@@ -73,7 +73,7 @@ class OptionParser {
 
   std::vector<Option> options_;
   std::vector<std::string> set_names_;
-  std::string shared_section_;
+  std::vector<std::string> shared_sections_;
 };
 
 }  // namespace mfir
