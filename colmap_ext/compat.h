@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <cmath>
 #include <functional>
 #include <memory>
 #include <string>
@@ -53,17 +54,31 @@ inline void SetCamFromWorld(const Rigid3& cam_from_world,
   image->SetTvec(cam_from_world.translation);
 }
 
-// COLMAP normalizes quaternions whenever it reads or writes them, which can
-// change the last bit each time. This one stays what it is: the pose that a
-// solve is pinned to comes out of every later read bit for bit.
+// The nearest quaternion that COLMAP's normalization leaves as it is. COLMAP
+// normalizes whenever it reads or writes one, which can change the last bits
+// each time; this one comes out of every later read bit for bit.
 inline Eigen::Quaterniond StableQuaternion(const Eigen::Quaterniond& q) {
+  const auto is_stable = [](const Eigen::Vector4d& qvec) {
+    return colmap::NormalizeQuaternion(qvec) == qvec;
+  };
   Eigen::Vector4d qvec(q.w(), q.x(), q.y(), q.z());
-  for (int i = 0; i < 10; ++i) {
-    const Eigen::Vector4d normalized = colmap::NormalizeQuaternion(qvec);
-    if (normalized == qvec) break;
-    qvec = normalized;
+  for (int i = 0; i < 3 && !is_stable(qvec); ++i) {
+    qvec = colmap::NormalizeQuaternion(qvec);
   }
-  return Eigen::Quaterniond(qvec(0), qvec(1), qvec(2), qvec(3));
+  // About 1 % of all rotations alternate between neighbours for ever. Then a
+  // component is moved by a few units in the last place.
+  Eigen::Vector4d candidate = qvec;
+  for (int num_ulps = 1; num_ulps <= 4 && !is_stable(candidate); ++num_ulps) {
+    for (int i = 0; i < 8 && !is_stable(candidate); ++i) {
+      candidate = qvec;
+      for (int j = 0; j < num_ulps; ++j) {
+        candidate(i / 2) =
+            std::nextafter(candidate(i / 2), i % 2 == 0 ? 2.0 : -2.0);
+      }
+    }
+  }
+  return Eigen::Quaterniond(
+      candidate(0), candidate(1), candidate(2), candidate(3));
 }
 
 // Whether COLMAP's SIFT can run on a GPU here. Its OpenGL variant needs a

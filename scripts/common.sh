@@ -12,7 +12,7 @@ MIN_FREE_MB=1000
 PACKAGES=(
   ccache cmake g++ ninja-build patch
   libboost-filesystem-dev libboost-graph-dev libboost-program-options-dev
-  libboost-system-dev libboost-test-dev libceres-dev libeigen3-dev libflann-dev
+  libboost-regex-dev libboost-system-dev libboost-test-dev libceres-dev libeigen3-dev libflann-dev
   libfreeimage-dev libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
   liblz4-dev libmetis-dev libopencv-core-dev libsqlite3-dev nlohmann-json3-dev
 )

@@ -1,8 +1,10 @@
 #include "camera_naming.h"
 
 #include <algorithm>
-#include <regex>
 #include <set>
+#include <stdexcept>
+
+#include <boost/regex.hpp>
 
 #include "errors.h"
 
@@ -10,6 +12,7 @@ namespace mfir {
 namespace {
 
 const char* const kPaperRegex = R"(camera(\d+)_frame\d+)";
+constexpr size_t kMaxShownLength = 100;
 const char* const kSeparators = "/\\";
 
 bool IsNumber(const std::string& name) {
@@ -18,10 +21,19 @@ bool IsNumber(const std::string& name) {
   });
 }
 
-// The text of the regex's group, "" if it does not match.
-std::string Captured(const std::string& text, const std::regex& regex) {
-  std::smatch match;
-  return std::regex_search(text, match, regex) ? match[1].str() : "";
+// The text of the regex's group, "" if it does not match. Boost gives up where
+// std::regex runs for ever (nested repeats) or overflows the stack (long
+// names). Throws UsageError then.
+std::string Captured(const std::string& text, const boost::regex& regex) {
+  try {
+    boost::smatch match;
+    return boost::regex_search(text, match, regex) ? match[1].str() : "";
+  } catch (const std::runtime_error&) {
+    throw UsageError("camera_name_regex '" + regex.str() +
+                     "' is too complex to match the image name '" +
+                     text.substr(0, kMaxShownLength) +
+                     "'. Avoid repeats of repeats, such as (?:a+)+.");
+  }
 }
 
 // "a/cam07.png" -> "cam07".
@@ -73,11 +85,11 @@ CameraNaming::CameraNaming(const std::string& regex) : regex_(regex) {
   }
   unsigned num_groups = 0;
   try {
-    num_groups = std::regex(regex).mark_count();
-  } catch (const std::regex_error& error) {
+    num_groups = boost::regex(regex).mark_count();
+  } catch (const std::runtime_error& error) {
     throw UsageError("camera_name_regex '" + regex +
                      "' is not a valid regular expression (" + error.what() +
-                     "). Use ECMAScript syntax, e.g. 'camera(\\d+)_'.");
+                     "). Use Perl syntax, e.g. 'camera(\\d+)_'.");
   }
   if (num_groups != 1) {
     throw UsageError("camera_name_regex '" + regex + "' has " +
@@ -90,7 +102,7 @@ CameraNaming::CameraNaming(const std::string& regex) : regex_(regex) {
 std::vector<std::string> CameraNaming::Names(
     const std::vector<std::string>& image_names) const {
   const auto regex_rule = [](const std::string& pattern) {
-    return [regex = std::regex(pattern)](const std::string& image_name) {
+    return [regex = boost::regex(pattern)](const std::string& image_name) {
       return Captured(image_name, regex);
     };
   };
@@ -119,7 +131,7 @@ std::vector<std::string> CameraNaming::Names(
 
 std::string CameraNaming::CameraName(const std::string& name) const {
   const std::string captured =
-      regex_.empty() ? "" : Captured(name, std::regex(regex_));
+      regex_.empty() ? "" : Captured(name, boost::regex(regex_));
   return CanonicalCameraName(captured.empty() ? name : captured);
 }
 

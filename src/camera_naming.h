@@ -22,7 +22,7 @@ namespace mfir {
 class CameraNaming {
  public:
   // An empty `regex` selects the default rules. Throws UsageError when it is
-  // not a valid regular expression (ECMAScript) or has not exactly one group.
+  // not a valid regular expression (Perl syntax) or has not exactly one group.
   explicit CameraNaming(const std::string& regex = "");
 
   // Camera names for the image names of one frame (or of RIG), in order. An

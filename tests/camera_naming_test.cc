@@ -78,6 +78,25 @@ TEST(CameraNaming, BadRegex) {
   EXPECT_NO_THROW(CameraNaming("(?:a|b)(c)"));
 }
 
+// std::regex overflows the stack on the first, and never ends on the second.
+TEST(CameraNaming, RegexesAndNamesThatTakeForEver) {
+  const std::string long_name(60000, 'x');
+  EXPECT_EQ(CameraNaming("(.*)").Names({long_name}), Names({long_name}));
+  EXPECT_EQ(CameraNaming().Names({long_name}), Names({long_name}));
+  for (const std::string& name :
+       {std::string(64, 'a'), std::string(60000, 'a')}) {
+    try {
+      CameraNaming("((?:a+)+)b").Names({name});
+      ADD_FAILURE();
+    } catch (const UsageError& error) {
+      const std::string message = error.what();
+      EXPECT_NE(message.find("((?:a+)+)b"), std::string::npos) << message;
+      EXPECT_NE(message.find(std::string(64, 'a')), std::string::npos);
+      EXPECT_LT(message.size(), 400u);
+    }
+  }
+}
+
 TEST(CanonicalCameraName, NumbersWithoutLeadingZeros) {
   EXPECT_EQ(CanonicalCameraName("000012"), "12");
   EXPECT_EQ(CanonicalCameraName("12"), "12");
