@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "VLFeat/dsift.h"
+#include "VLFeat/imopv.h"
 #include "base/camera.h"
 #include "base/camera_models.h"
 #include "base/cost_functions.h"

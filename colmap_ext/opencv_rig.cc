@@ -5,8 +5,8 @@
 
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
-#include <opencv2/core/utility.hpp>
 
+#include "colmap_ext/quiet_opencv.h"
 #include "colmap_ext/rig_formats.h"
 #include "src/errors.h"
 
@@ -19,26 +19,6 @@ bool IsFile(const fs::path& path) {
   std::error_code error;
   return fs::is_regular_file(path, error);
 }
-
-// OpenCV prints its errors as well as throwing them; the message is ours.
-class QuietOpenCV {
- public:
-  QuietOpenCV() {
-    previous_ = cv::redirectError(
-        [](int, const char*, const char*, const char*, int, void*) {
-          return 0;
-        },
-        nullptr,
-        &previous_data_);
-  }
-  ~QuietOpenCV() { cv::redirectError(previous_, previous_data_); }
-  QuietOpenCV(const QuietOpenCV&) = delete;
-  QuietOpenCV& operator=(const QuietOpenCV&) = delete;
-
- private:
-  cv::ErrorCallback previous_ = nullptr;
-  void* previous_data_ = nullptr;
-};
 
 // Fields "PREFIX_CAMERA" of a file in OpenCV's YAML.
 class OpenCVFile {

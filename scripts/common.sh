@@ -14,7 +14,8 @@ PACKAGES=(
   libboost-filesystem-dev libboost-graph-dev libboost-program-options-dev
   libboost-regex-dev libboost-system-dev libboost-test-dev libceres-dev libeigen3-dev libflann-dev
   libfreeimage-dev libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
-  liblz4-dev libmetis-dev libopencv-core-dev libsqlite3-dev nlohmann-json3-dev
+  liblz4-dev libmetis-dev libopencv-core-dev libopencv-dnn-dev
+  libsqlite3-dev nlohmann-json3-dev
 )
 
 die() {

@@ -39,6 +39,9 @@ struct DenseFeatureRequest {
   std::string camera_name;
   // Name of the image in the model of its frame.
   std::string image_name;
+  // Its size in that model; an image file of another size is an error.
+  int width = 0;
+  int height = 0;
   // Image coordinates and ids (indices into the image's 2D points).
   std::vector<Eigen::Vector2d> keypoints;
   std::vector<uint32_t> keypoint_ids;
@@ -52,6 +55,32 @@ class DenseFeatureSource {
   // All patches of a source have the same size and number of channels, except
   // that an image without any valid patch may have zero of both.
   virtual DenseFeaturePatches Extract(const DenseFeatureRequest& request) = 0;
+
+  // To be called after the last Extract: completes what the source writes.
+  // Throws OutputError.
+  virtual void Finish() {}
 };
+
+// Patches of `patch_size` with the keypoint within half a feature pixel of
+// their centre, moved inside where they would leave the image. All data are
+// zero. Not valid: keypoints that are not finite or outside of the image.
+// Throws InputError for an image smaller than a patch.
+DenseFeaturePatches PlacePatches(const DenseFeatureRequest& request,
+                                 int patch_size,
+                                 int num_channels,
+                                 double pixel_size);
+
+// An image without any feature.
+DenseFeaturePatches NoPatches(const DenseFeatureRequest& request);
+
+// Copies a descriptor to feature pixel (column, row) of patch i.
+void SetDescriptor(const float* descriptor,
+                   size_t i,
+                   int column,
+                   int row,
+                   DenseFeaturePatches* patches);
+
+// Makes patches with values that are not finite not valid.
+void InvalidateNonFinite(DenseFeaturePatches* patches);
 
 }  // namespace mfir

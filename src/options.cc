@@ -6,34 +6,9 @@
 #include <vector>
 
 #include "errors.h"
-#include "parse_number.h"
+#include "option_checks.h"
 
 namespace mfir {
-namespace {
-
-void CheckAtLeast(const char* name, double value, double minimum) {
-  if (!std::isfinite(value) || value < minimum) {
-    throw UsageError(
-        "--MultiFrame." + std::string(name) + " is " + FormatNumber(value) +
-        ", but must be finite and >= " + FormatNumber(minimum) + ".");
-  }
-}
-
-void CheckOneOf(const char* name,
-                const std::string& value,
-                const std::vector<std::string>& choices) {
-  if (std::find(choices.begin(), choices.end(), value) != choices.end()) {
-    return;
-  }
-  std::string list;
-  for (const std::string& choice : choices) {
-    if (!choice.empty()) list += (list.empty() ? "" : ", ") + choice;
-  }
-  throw UsageError("--MultiFrame." + std::string(name) + " is '" + value +
-                   "', but must be one of: " + list + ".");
-}
-
-}  // namespace
 
 void MultiFrameOptions::ApplyPreset(const std::string& name) {
   CheckOneOf("preset", name, {"accurate", "paper"});
@@ -94,6 +69,7 @@ void MultiFrameOptions::Check() const {
   CheckOneOf("dense_features",
              dense_features,
              {"", "none", "sift", "onnx", "database"});
+  features.Check(dense_features);
   CheckAtLeast("use_gpu", use_gpu, -1);
   CheckAtLeast("gpu_index", gpu_index, -1);
   CheckAtLeast("num_threads", num_threads, -1);

@@ -4,6 +4,8 @@
 
 #include <string>
 
+#include "dense_feature_options.h"
+
 namespace mfir {
 
 struct MultiFrameOptions {
@@ -77,6 +79,7 @@ struct MultiFrameOptions {
   // "none", "sift", "onnx" or "database"; empty: "sift" with images, else
   // "none".
   std::string dense_features;
+  DenseFeatureOptions features;
 
   // COLMAP's meaning of -1: choose automatically.
   int use_gpu = -1;
