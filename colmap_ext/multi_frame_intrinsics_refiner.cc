@@ -110,6 +110,9 @@ void AddDenseFeatureOptions(DenseFeatureOptions* options, const Add& add) {
   add("onnx_tile_alignment",
       &onnx->tile_alignment,
       "Tile sides are multiples of this (px)");
+  add("onnx_fixed_size",
+      &onnx->fixed_size,
+      "The network takes inputs of onnx_tile_size x onnx_tile_size only");
   add("dense_feature_path",
       &options->database_path,
       "SQLite file that 'database' reads");

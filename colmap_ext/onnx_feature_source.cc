@@ -66,7 +66,8 @@ class Network {
           std::to_string(input.size[1]) + " x " +
           std::to_string(input.size[2]) + " x " +
           std::to_string(input.size[3]) + " (" + exception.err +
-          "). Export it with variable height and width, and check "
+          "). Export it with variable height and width, or set "
+          "--MultiFrame.onnx_fixed_size 1 and onnx_tile_size; check "
           "--MultiFrame.onnx_input, onnx_output, onnx_color_order and "
           "onnx_tile_alignment.");
     }
@@ -130,7 +131,9 @@ class OnnxFeatureSource : public DenseFeatureSource {
 // Finds stride and number of channels.
 void OnnxFeatureSource::Probe() {
   const int alignment = options_.tile_alignment;
-  const int size = (128 + alignment - 1) / alignment * alignment;
+  const int size = options_.fixed_size
+                       ? options_.tile_size
+                       : (128 + alignment - 1) / alignment * alignment;
   const std::vector<int> shape = {1, num_input_channels_, size, size};
   const cv::Mat output = network_.Run(cv::Mat(shape, CV_32F, cv::Scalar(0.5)));
   num_channels_ = output.size[1];
@@ -220,10 +223,15 @@ DenseFeaturePatches OnnxFeatureSource::Extract(
       PlacePatches(request, patch_size_, num_channels_, stride_);
   const double radius = 0.5 * patch_size_ * stride_;
   const int margin = options_.tile_overlap + static_cast<int>(radius + 0.5);
-  const TilesAlongAxis columns = PlanTiles(
-      request.width, options_.tile_size, margin, options_.tile_alignment);
-  const TilesAlongAxis rows = PlanTiles(
-      request.height, options_.tile_size, margin, options_.tile_alignment);
+  const auto plan = [&](int image_size) {
+    return PlanTiles(image_size,
+                     options_.tile_size,
+                     margin,
+                     options_.tile_alignment,
+                     options_.fixed_size);
+  };
+  const TilesAlongAxis columns = plan(request.width);
+  const TilesAlongAxis rows = plan(request.height);
   std::map<std::pair<size_t, size_t>, std::vector<size_t>> patches_of_tiles;
   for (size_t i = 0; i < patches.valid.size(); ++i) {
     if (!patches.valid[i]) continue;

@@ -1,9 +1,11 @@
-// OpenCV prints its errors as well as throwing them; messages are ours.
+// OpenCV prints and logs its errors as well as throwing them; messages are
+// ours.
 
 #pragma once
 
 #include <opencv2/core.hpp>
 #include <opencv2/core/utility.hpp>
+#include <opencv2/core/utils/logger.hpp>
 
 namespace mfir {
 
@@ -17,14 +19,20 @@ class QuietOpenCV {
         },
         nullptr,
         &previous_data_);
+    previous_level_ =
+        cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   }
-  ~QuietOpenCV() { cv::redirectError(previous_, previous_data_); }
+  ~QuietOpenCV() {
+    cv::utils::logging::setLogLevel(previous_level_);
+    cv::redirectError(previous_, previous_data_);
+  }
   QuietOpenCV(const QuietOpenCV&) = delete;
   QuietOpenCV& operator=(const QuietOpenCV&) = delete;
 
  private:
   cv::ErrorCallback previous_ = nullptr;
   void* previous_data_ = nullptr;
+  cv::utils::logging::LogLevel previous_level_;
 };
 
 }  // namespace mfir

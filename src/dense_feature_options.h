@@ -40,6 +40,9 @@ struct OnnxFeatureOptions {
   // Sides and positions of tiles are multiples of this (px): the product of all
   // strides and poolings inside the network.
   int tile_alignment = 32;
+  // The network takes inputs of tile_size x tile_size only; smaller images are
+  // continued by their border pixels.
+  bool fixed_size = false;
 };
 
 struct DenseFeatureOptions {

@@ -29,10 +29,6 @@ TilesAlongAxis EqualTiles(int image_size,
     tiles.size =
         std::max(tiles.size, RoundUp(end - tiles.begins.back(), alignment));
   }
-  // All tiles have one size, for which the network is set up once.
-  for (int& begin : tiles.begins) {
-    begin = std::min(begin, RoundUp(image_size, alignment) - tiles.size);
-  }
   return tiles;
 }
 
@@ -44,10 +40,8 @@ size_t TilesAlongAxis::TileOf(double coordinate) const {
   return k;
 }
 
-TilesAlongAxis PlanTiles(int image_size,
-                         int max_size,
-                         int margin,
-                         int alignment) {
+TilesAlongAxis PlanTiles(
+    int image_size, int max_size, int margin, int alignment, bool fixed_size) {
   const int step = max_size - 2 * margin - alignment;
   if (image_size > max_size && step <= 0) {
     throw UsageError(
@@ -57,14 +51,16 @@ TilesAlongAxis PlanTiles(int image_size,
         std::to_string(2 * margin + alignment) +
         " px. Raise the former or lower the latter.");
   }
-  int num_tiles = 1;
-  while (true) {
-    TilesAlongAxis tiles = EqualTiles(image_size, num_tiles, margin, alignment);
-    if (tiles.size <= max_size) {
-      return tiles;
-    }
-    ++num_tiles;
+  TilesAlongAxis tiles;
+  for (int num_tiles = 1; tiles.begins.empty() || tiles.size > max_size;
+       ++num_tiles) {
+    tiles = EqualTiles(image_size, num_tiles, margin, alignment);
   }
+  // All tiles have one size, for which the network is set up once.
+  if (fixed_size) tiles.size = max_size;
+  const int last = std::max(0, RoundUp(image_size, alignment) - tiles.size);
+  for (int& begin : tiles.begins) begin = std::min(begin, last);
+  return tiles;
 }
 
 }  // namespace mfir

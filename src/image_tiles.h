@@ -19,12 +19,13 @@ struct TilesAlongAxis {
   size_t TileOf(double coordinate) const;
 };
 
-// The fewest tiles of at most `max_size`; their size and positions are
-// multiples of `alignment`, as is max_size. Throws UsageError if the margin
-// leaves no room.
+// The fewest tiles of at most `max_size`, or of just that size if `fixed_size`;
+// their size and positions are multiples of `alignment`, as is max_size. Throws
+// UsageError if the margin leaves no room.
 TilesAlongAxis PlanTiles(int image_size,
                          int max_size,
                          int margin,
-                         int alignment);
+                         int alignment,
+                         bool fixed_size = false);
 
 }  // namespace mfir

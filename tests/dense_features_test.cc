@@ -91,13 +91,15 @@ TEST(DenseFeatures, ValuesThatAreNotFiniteMakeAPatchInvalid) {
 
 // All that PlanTiles promises, for many sizes.
 TEST(PlanTiles, TilesCoverTheImageWithMargins) {
-  for (const int alignment : {1, 8, 32}) {
+  for (const auto& [alignment, fixed_size] :
+       {std::pair(1, false), {8, false}, {32, false}, {8, true}}) {
     for (const int margin : {0, 5, 40}) {
       for (int size = 20; size < 1500; size += 13) {
         const int max_size = 192;
         const TilesAlongAxis tiles =
-            PlanTiles(size, max_size, margin, alignment);
+            PlanTiles(size, max_size, margin, alignment, fixed_size);
         ASSERT_LE(tiles.size, max_size);
+        if (fixed_size) ASSERT_EQ(tiles.size, max_size);
         ASSERT_EQ(tiles.size % alignment, 0);
         ASSERT_EQ(tiles.cores.front(), 0);
         ASSERT_EQ(tiles.cores.back(), size);
@@ -108,7 +110,9 @@ TEST(PlanTiles, TilesCoverTheImageWithMargins) {
           ASSERT_LE(begin, std::max(0, tiles.cores[k] - margin));
           ASSERT_GE(begin + tiles.size,
                     std::min(size, tiles.cores[k + 1] + margin));
-          ASSERT_LT(begin + tiles.size, size + alignment);
+          if (!fixed_size || begin > 0) {
+            ASSERT_LT(begin + tiles.size, size + alignment);
+          }
         }
         for (double x = 0.0; x <= size; x += 7.3) {
           const size_t k = tiles.TileOf(x);

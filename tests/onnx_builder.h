@@ -30,7 +30,7 @@ class ProtoMessage {
  private:
   void Varint(uint64_t value) {
     for (; value >= 128; value >>= 7) {
-      bytes_ += static_cast<char>(value & 127 | 128);
+      bytes_ += static_cast<char>((value & 127) | 128);
     }
     bytes_ += static_cast<char>(value);
   }
@@ -38,10 +38,10 @@ class ProtoMessage {
   std::string bytes_;
 };
 
-// A network in the making: input 1 x channels x ? x ?.
+// A network in the making: input 1 x channels x size x size, any if 0.
 class OnnxBuilder {
  public:
-  explicit OnnxBuilder(int num_channels) {
+  explicit OnnxBuilder(int num_channels, int size = 0) : size_(size) {
     AddValue(11, "image", num_channels);
   }
 
@@ -101,8 +101,11 @@ class OnnxBuilder {
     ProtoMessage shape;
     shape.Message(1, ProtoMessage().Integer(1, 1));
     shape.Message(1, ProtoMessage().Integer(1, num_channels));
-    shape.Message(1, ProtoMessage().Bytes(2, "height"));
-    shape.Message(1, ProtoMessage().Bytes(2, "width"));
+    for (const char* name_of_size : {"height", "width"}) {
+      shape.Message(1,
+                    size_ > 0 ? ProtoMessage().Integer(1, size_)
+                              : ProtoMessage().Bytes(2, name_of_size));
+    }
     const ProtoMessage tensor_type =
         ProtoMessage().Integer(1, 1).Message(2, shape);
     graph_.Message(field,
@@ -110,6 +113,7 @@ class OnnxBuilder {
                        2, ProtoMessage().Message(1, tensor_type)));
   }
 
+  const int size_;
   ProtoMessage graph_;
 };
 

@@ -37,8 +37,8 @@ std::string MeanNetwork(int num_channels, int stride) {
 }
 
 // Two layers, 6 channels, receptive field of 5 pixels around the centre.
-std::string DeepNetwork() {
-  OnnxBuilder builder(3);
+std::string DeepNetwork(int size = 0) {
+  OnnxBuilder builder(3, size);
   builder.Conv("image", "hidden", 3, 4, 7, 1, 3, RandomWeights(4 * 3 * 49, 1));
   builder.Conv("hidden", "map", 4, 6, 5, 1, 2, RandomWeights(6 * 4 * 25, 2));
   builder.Output("map", 6);
@@ -147,6 +147,31 @@ TEST_F(OnnxFeatureSourceTest, TilesGiveWhatTheWholeImageGives) {
   EXPECT_GT(max_difference(Extract(image, keypoints)), 2e-2);
 }
 
+TEST_F(OnnxFeatureSourceTest, NetworksForOneInputSize) {
+  for (const int width : {50, 96, 250}) {
+    const TestImage image = TestImage::Texture(width, 64, 0.0, 0.0, 3);
+    const std::vector<Eigen::Vector2d> keypoints = {{20.0, 60.0},
+                                                    {width - 1.0, 30.0}};
+    options_ = {};
+    options_.path = folder_ / "any.onnx";
+    WriteFile(options_.path, DeepNetwork());
+    const DenseFeaturePatches expected = Extract(image, keypoints);
+    options_.path = folder_ / "fixed.onnx";
+    WriteFile(options_.path, DeepNetwork(96));
+    options_.fixed_size = true;
+    options_.tile_size = 96;
+    options_.tile_overlap = 5;
+    options_.tile_alignment = 8;
+    const DenseFeaturePatches patches = Extract(image, keypoints);
+    for (size_t i = 0; i < keypoints.size(); ++i) {
+      EXPECT_EQ(patches.corners[i], expected.corners[i]);
+      EXPECT_LT(DescriptorDistance(Descriptor(patches, i, 1, 1),
+                                   Descriptor(expected, i, 1, 1)),
+                1e-3);
+    }
+  }
+}
+
 TEST_F(OnnxFeatureSourceTest, ColorsAndNormalization) {
   WriteFile(options_.path, MeanNetwork(3, 1));
   TestImage image = TestImage::Texture(64, 64, 0.0, 0.0, 3);
@@ -229,7 +254,7 @@ TEST_F(OnnxFeatureSourceTest, NetworksThatDoNotFit) {
   options_.stride = 4;
   ExpectRefused({"no stride of 4", "onnx_stride"});
   options_.stride = 0;
-  options_.tile_alignment = 3;
+  options_.tile_alignment = 1;
   ExpectRefused<UsageError>({"onnx_tile_alignment", "multiple"});
 }
 
