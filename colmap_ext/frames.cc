@@ -393,8 +393,10 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
       rig_camera.width = camera.Width();
       rig_camera.height = camera.Height();
       image_idxs[idx_and_image.second] = frame.images.size();
-      frame.images.push_back(
-          {idx_and_image.first, CamFromWorld(image), camera.Params()});
+      frame.images.push_back({idx_and_image.first,
+                              CamFromWorld(image),
+                              camera.Params(),
+                              image.Name()});
     }
     for (const colmap::point3D_t point_id : SortedPointIds(reconstruction)) {
       const colmap::Point3D& point = reconstruction.Point3D(point_id);
@@ -403,7 +405,8 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
         frame.observations.push_back({image_idxs.at(element.image_id),
                                       reconstruction.Image(element.image_id)
                                           .Point2D(element.point2D_idx)
-                                          .XY()});
+                                          .XY(),
+                                      element.point2D_idx});
       }
       std::stable_sort(frame.observations.begin() + frame.track_begins.back(),
                        frame.observations.end(),

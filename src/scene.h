@@ -6,6 +6,8 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstddef>
+#include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -60,11 +62,37 @@ struct FrameImage {
   size_t camera_idx = 0;  // into Scene::cameras
   Rigid3 cam_from_world;  // estimated; world = the frame's coordinates
   std::vector<double> params;
+  std::string name = {};  // in the model of the frame
 };
 
 struct Observation {
   size_t image_idx = 0;                          // into Frame::images
   Eigen::Vector2d xy = Eigen::Vector2d::Zero();  // pixels
+  // Among the image's keypoints.
+  uint32_t keypoint_idx = 0;
+  // Into Frame::cost_maps; -1: without dense feature.
+  int64_t cost_map_idx = -1;
+};
+
+// Cost maps of a frame (cost_maps.h), in fp16.
+struct CostMaps {
+  // Image coordinates of the centre of element (0, 0), and image pixels from
+  // one element to the next.
+  struct Placement {
+    Eigen::Vector2d origin;
+    double pixel_size;
+  };
+
+  int patch_size = 0;  // elements along each side
+  std::vector<Placement> placements;
+  // Element [((i * patch_size + row) * patch_size + column) * 3 + k] of map i:
+  // k = 0: distance of the feature from the track's reference feature, k = 1,
+  // 2: its derivatives by the image coordinates x and y (1/px).
+  std::vector<uint16_t> data;
+
+  const uint16_t* Data(size_t idx) const {
+    return data.data() + idx * patch_size * patch_size * 3;
+  }
 };
 
 // One instant. The track of points[i] is
@@ -75,6 +103,8 @@ struct Frame {
   std::vector<Eigen::Vector3d> points;
   std::vector<size_t> track_begins = {0};
   std::vector<Observation> observations;
+  // Null without dense features. Shared, since frames are copied.
+  std::shared_ptr<const CostMaps> cost_maps;
 };
 
 struct Scene {
