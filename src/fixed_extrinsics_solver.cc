@@ -68,6 +68,15 @@ Eigen::Vector3d LogRotation(const Eigen::Matrix3d& rotation) {
   return angle_axis.angle() * angle_axis.axis();
 }
 
+const FeatureKeypoint* FindFeature(const Frame& frame,
+                                   const Observation& observation) {
+  if (frame.feature_keypoints.empty() || observation.cost_map_idx < 0) {
+    return nullptr;
+  }
+  return &frame
+              .feature_keypoints[static_cast<size_t>(observation.cost_map_idx)];
+}
+
 class Solver {
  public:
   Solver(const FixedExtrinsicsOptions& options, Scene* scene);
@@ -145,7 +154,8 @@ Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
     : options_(options), scene_(scene), states_(CameraStates(*scene)) {
   CollectTracks();
   CollectParams();
-  track_solver_.emplace(options_.loss, scene_, free_params_);
+  track_solver_.emplace(
+      options_.loss, options_.feature_loss, scene_, free_params_);
 
   // A fixed partition (independent of the number of threads) whose partial sums
   // are added in order makes the result reproducible.
@@ -181,7 +191,9 @@ void Solver::CollectTracks() {
         const Observation& observation = frame.observations[m];
         if (std::isfinite(squared_residuals[k++])) {
           observations_.push_back(
-              {frame.images[observation.image_idx].camera_idx, observation.xy});
+              {frame.images[observation.image_idx].camera_idx,
+               observation.xy,
+               FindFeature(frame, observation)});
         }
       }
       if (observations_.size() - begin < 2) {
@@ -698,6 +710,10 @@ FixedExtrinsicsSummary Solver::Solve() {
            ImprovePoints(&cost));
   SetCameras();
   summary.final_cost = cost;
+  for (const Track& track : tracks_) {
+    summary.final_feature_cost +=
+        track_solver_->FeatureCost(track, states_, *track.xyz);
+  }
   summary.held_cameras.assign(scene_->cameras.size(), false);
   for (Eigen::Index i = 0; i < num_params_; ++i) {
     if (held_directions_.cols() > 0 &&

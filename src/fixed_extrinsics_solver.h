@@ -23,6 +23,9 @@ struct FixedExtrinsicsOptions {
 
   // Robust loss of |r|, r in pixels. Must outlive the solve.
   const ceres::LossFunction* loss = nullptr;
+  // The same for dense features: of |W r_f|, see TrackSolver. Null: they take
+  // no part.
+  const ceres::LossFunction* feature_loss = nullptr;
   // Whether points with outliers among their observations also try the minima
   // around the intersections of their rays, so that the result depends neither
   // on where they start nor on the path.
@@ -63,6 +66,7 @@ struct FixedExtrinsicsOptions {
 struct FixedExtrinsicsSummary {
   double initial_cost = 0.0;
   double final_cost = 0.0;
+  double final_feature_cost = 0.0;  // part of final_cost
   int num_iterations = 0;
   bool converged = false;
   // Largest change of a focal length in the last step, relative.

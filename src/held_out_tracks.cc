@@ -45,6 +45,8 @@ Frame WithoutTracks(const Frame& frame) {
   Frame empty;
   empty.name = frame.name;
   empty.images = frame.images;
+  empty.cost_maps = frame.cost_maps;
+  empty.feature_keypoints = frame.feature_keypoints;
   return empty;
 }
 

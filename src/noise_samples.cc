@@ -54,37 +54,79 @@ std::vector<T> CollectInChunks(const Scene& scene,
   return joined;
 }
 
+// Residual with its derivatives by the point and its weight in the fit.
+struct WeightedResidual {
+  Eigen::Vector2d residual;
+  Matrix2x3 jacobian;
+  double weight;
+  double weight_at_zero;
+  bool is_feature;
+};
+
+double Weight(const ceres::LossFunction& loss, double squared_residual) {
+  double rho[3];
+  loss.Evaluate(squared_residual, rho);
+  return rho[1];
+}
+
+void AddResiduals(const Linearization& linearization,
+                  const Observation& observation,
+                  const Frame& frame,
+                  const ceres::LossFunction* loss,
+                  const ceres::LossFunction* feature_loss,
+                  std::vector<WeightedResidual>* residuals) {
+  const auto add = [&](const Eigen::Vector2d& residual,
+                       const Matrix2x3& jacobian,
+                       const ceres::LossFunction* own_loss,
+                       double default_weight,
+                       bool is_feature) {
+    const bool has_loss = own_loss != nullptr;
+    residuals->push_back(
+        {residual,
+         jacobian,
+         has_loss ? Weight(*own_loss, residual.squaredNorm()) : default_weight,
+         has_loss ? Weight(*own_loss, 0.0) : default_weight,
+         is_feature});
+  };
+  add(linearization.residual, linearization.jacobian_point, loss, 1.0, false);
+  if (observation.cost_map_idx < 0 || frame.feature_keypoints.empty()) return;
+  const FeatureKeypoint& feature =
+      frame.feature_keypoints[static_cast<size_t>(observation.cost_map_idx)];
+  add(feature.whitening *
+          (linearization.residual + observation.xy - feature.xy),
+      feature.whitening * linearization.jacobian_point,
+      feature_loss,
+      0.0,
+      true);
+}
+
 // Samples of one track; see the header.
-void AddSamples(const std::vector<Linearization>& linearizations,
-                const ceres::LossFunction* loss,
-                std::vector<NoiseSample>* samples) {
-  double rho_at_zero[3] = {0.0, 1.0, 0.0};
-  if (loss != nullptr) loss->Evaluate(0.0, rho_at_zero);
-  std::vector<double> weights;
+void AddSamples(const std::vector<WeightedResidual>& residuals,
+                NoiseSampleSets* samples) {
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
-  for (const Linearization& linearization : linearizations) {
-    double rho[3] = {0.0, 1.0, 0.0};
-    if (loss != nullptr) {
-      loss->Evaluate(linearization.residual.squaredNorm(), rho);
-    }
-    weights.push_back(rho[1] / rho_at_zero[1]);
-    information += weights.back() * linearization.jacobian_point.transpose() *
-                   linearization.jacobian_point;
+  for (const WeightedResidual& residual : residuals) {
+    information +=
+        residual.weight * residual.jacobian.transpose() * residual.jacobian;
   }
   const Eigen::LDLT<Eigen::Matrix3d> factorization(information);
-  for (size_t k = 0; k < linearizations.size(); ++k) {
-    const Matrix2x3& jacobian = linearizations[k].jacobian_point;
+  for (const WeightedResidual& residual : residuals) {
+    const Matrix2x3& jacobian = residual.jacobian;
     const Eigen::Matrix2d covariance =
         Eigen::Matrix2d::Identity() -
-        weights[k] * jacobian * factorization.solve(jacobian.transpose());
+        residual.weight * jacobian * factorization.solve(jacobian.transpose());
     Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen;
     eigen.computeDirect(covariance);
     for (int e = 0; e < 2; ++e) {
       const double weight = std::min(eigen.eigenvalues()(e), 1.0);
+      const Eigen::Vector2d direction = eigen.eigenvectors().col(e);
       if (!(weight > kMinWeight)) continue;
-      const double residual =
-          eigen.eigenvectors().col(e).dot(linearizations[k].residual);
-      samples->push_back({residual * residual / weight, weight});
+      const double projected = direction.dot(residual.residual);
+      const NoiseSample sample = {projected * projected / weight, weight};
+      if (!residual.is_feature) {
+        samples->keypoints.push_back(sample);
+      } else if ((direction.transpose() * jacobian).squaredNorm() > 0.0) {
+        samples->features.push_back(sample);
+      }
     }
   }
 }
@@ -114,38 +156,54 @@ std::vector<double> SquaredResiduals(const Scene& scene, int num_threads) {
       });
 }
 
-std::vector<NoiseSample> NoiseSamples(const Scene& scene,
-                                      const ceres::LossFunction* loss,
-                                      int num_threads) {
+NoiseSampleSets NoiseSamples(const Scene& scene,
+                             const ceres::LossFunction* loss,
+                             const ceres::LossFunction* feature_loss,
+                             int num_threads) {
   const std::vector<CameraState> states = CameraStates(scene);
-  return CollectInChunks<NoiseSample>(
-      scene,
-      num_threads,
-      [&](const Chunk& chunk, std::vector<NoiseSample>* result) {
-        const Frame& frame = *chunk.frame;
-        std::vector<Linearization> linearizations;
-        for (size_t i = chunk.begin; i < chunk.end; ++i) {
-          linearizations.clear();
-          for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
-               ++k) {
-            const Observation& observation = frame.observations[k];
-            const size_t camera_idx =
-                frame.images[observation.image_idx].camera_idx;
-            Linearization linearization;
-            if (LinearizeObservation(*scene.cameras[camera_idx].model,
-                                     states[camera_idx],
-                                     FreeParams(),
-                                     observation.xy,
-                                     frame.points[i],
-                                     &linearization)) {
-              linearizations.push_back(linearization);
-            }
-          }
-          if (linearizations.size() >= 2) {
-            AddSamples(linearizations, loss, result);
-          }
+  const std::vector<Chunk> chunks = MakeChunks(scene);
+  std::vector<NoiseSampleSets> sets(chunks.size());
+  ParallelFor(chunks.size(), num_threads, [&](size_t c) {
+    const Frame& frame = *chunks[c].frame;
+    std::vector<WeightedResidual> residuals;
+    for (size_t i = chunks[c].begin; i < chunks[c].end; ++i) {
+      residuals.clear();
+      size_t num_observations = 0;
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        const size_t camera_idx =
+            frame.images[observation.image_idx].camera_idx;
+        Linearization linearization;
+        if (!LinearizeObservation(*scene.cameras[camera_idx].model,
+                                  states[camera_idx],
+                                  FreeParams(),
+                                  observation.xy,
+                                  frame.points[i],
+                                  &linearization)) {
+          continue;
         }
-      });
+        ++num_observations;
+        AddResiduals(
+            linearization, observation, frame, loss, feature_loss, &residuals);
+      }
+      if (num_observations < 2) continue;
+      // Relative to keypoints.
+      const double unit = residuals[0].weight_at_zero;
+      for (WeightedResidual& residual : residuals) residual.weight /= unit;
+      AddSamples(residuals, &sets[c]);
+    }
+  });
+  NoiseSampleSets joined;
+  const auto append = [](const std::vector<NoiseSample>& source,
+                         std::vector<NoiseSample>* target) {
+    target->insert(target->end(), source.begin(), source.end());
+  };
+  for (const NoiseSampleSets& set : sets) {
+    append(set.keypoints, &joined.keypoints);
+    append(set.features, &joined.features);
+  }
+  return joined;
 }
 
 double RobustStd(std::vector<NoiseSample> samples) {

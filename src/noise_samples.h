@@ -22,6 +22,12 @@ struct NoiseSample {
   double weight;   // degrees of freedom, 0 to 1
 };
 
+struct NoiseSampleSets {
+  std::vector<NoiseSample> keypoints;
+  // Of the whitened distances from the features' keypoints.
+  std::vector<NoiseSample> features;
+};
+
 // Samples of the noise from the residuals of all observations. A residual is
 // smaller than the noise because the point was fitted to it, all the more where
 // few observations carry a track (of the four coordinates of two views only one
@@ -29,13 +35,16 @@ struct NoiseSample {
 //
 //   C_i = I - w_i J_i V^-1 J_i^T,   V = sum_k w_k J_k^T J_k,
 //
-// with J the Jacobian of the point and w = rho'(s) / rho'(0) the weights of the
-// robust fit (1 without a loss). Each eigenvector e of C_i with eigenvalue l
-// gives the sample (e . r_i)^2 / l with weight l; directions that the fit has
-// made zero do not count.
-std::vector<NoiseSample> NoiseSamples(const Scene& scene,
-                                      const ceres::LossFunction* loss,
-                                      int num_threads = -1);
+// with J the Jacobian of the point and w the weights of the robust fit: rho'(s)
+// over the rho'(0) of keypoints (1 without a loss). Features count in V with W
+// J and their own loss; without `feature_loss` the fit has not used them. Each
+// eigenvector e of C_i with eigenvalue l gives the sample (e . r_i)^2 / l with
+// weight l; directions that the fit has made zero, or in which a feature is
+// vague, do not count.
+NoiseSampleSets NoiseSamples(const Scene& scene,
+                             const ceres::LossFunction* loss,
+                             const ceres::LossFunction* feature_loss,
+                             int num_threads = -1);
 
 // Standard deviation (px per axis) of Gaussian noise with the same weighted
 // median of squares. Zero without samples.

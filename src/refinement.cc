@@ -26,6 +26,7 @@ constexpr double kMinStd = 1e-6;  // px
 
 // To a power of kScaleStep.
 double RoundedStd(double std_px) {
+  if (std_px == 0.0) return 0.0;
   return std::pow(kScaleStep,
                   std::round(std::log(std_px) / std::log(kScaleStep)));
 }
@@ -37,6 +38,33 @@ double Median(std::vector<double> values) {
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
+// Losses of keypoints and, unless null, of features.
+struct Losses {
+  const ceres::LossFunction* keypoints = nullptr;
+  const ceres::LossFunction* features = nullptr;
+  // Whether the cost is a negative log-likelihood.
+  bool is_likelihood = false;
+};
+
+// Cauchy losses in px^2 of keypoints. feature_scale 0: without features.
+class CauchyLosses {
+ public:
+  CauchyLosses(double scale, double feature_scale, double feature_weight)
+      : keypoints_(scale) {
+    if (feature_scale > 0.0) {
+      features_ = std::make_unique<ceres::ScaledLoss>(
+          new ceres::CauchyLoss(feature_scale),
+          feature_weight,
+          ceres::TAKE_OWNERSHIP);
+    }
+  }
+  Losses Get() const { return {&keypoints_, features_.get(), false}; }
+
+ private:
+  const ceres::CauchyLoss keypoints_;
+  std::unique_ptr<const ceres::ScaledLoss> features_;
+};
+
 class Refiner {
  public:
   Refiner(const MultiFrameOptions& options,
@@ -45,36 +73,69 @@ class Refiner {
       : options_(options), callback_(callback), scene_(scene) {}
 
   RefinementResult Run(bool from_frames) {
-    std_px_ = RobustStd(Samples(nullptr));
-    if (from_frames || options_.loss_scale == 0.0) Approach();
-    RefinementResult result;
+    std_px_ = RobustStd(Samples({}).keypoints);
+    if (from_frames || EstimatesLoss()) Approach("principal_points");
+    // Features are looked for near keypoints, and need no better start.
+    if (EstimatesLoss() && HasFeatures()) {
+      feature_std_px_ = RobustStd(Samples(MakeCauchyLosses().Get()).features);
+      Approach("start");
+    }
     // From a fit with a broad loss only: a sharp loss pulls points onto few of
     // their observations, and its residuals would sharpen it further.
-    const ceres::CauchyLoss cauchy(options_.loss_scale > 0.0
-                                       ? options_.loss_scale
-                                       : kCauchyScaleInStds * std_px_);
-    ScaleMixtureLoss noise(Samples(&cauchy));
-    const bool is_likelihood = options_.loss_scale == 0.0;
-    const FixedExtrinsicsSummary summary = Solve(
-        "final",
-        is_likelihood ? static_cast<const ceres::LossFunction&>(noise) : cauchy,
-        is_likelihood,
-        options_.max_num_iterations,
-        1e-10);
-    if (!is_likelihood) noise = ScaleMixtureLoss(Samples(&cauchy));
-    result.noise_std_px = noise.InlierStd();
-    result.outlier_share = noise.OutlierShare();
+    const CauchyLosses cauchy = MakeCauchyLosses();
+    const NoiseSampleSets samples = Samples(cauchy.Get());
+    const ScaleMixtureLoss noise(samples.keypoints);
+    const ScaleMixtureLoss feature_noise(samples.features);
+    const ceres::ScaledLoss feature_loss(&feature_noise,
+                                         options_.featuremetric_weight,
+                                         ceres::DO_NOT_TAKE_OWNERSHIP);
+    Losses losses = cauchy.Get();
+    if (EstimatesLoss()) {
+      losses = {&noise, feature_std_px_ > 0.0 ? &feature_loss : nullptr, true};
+    }
+    const FixedExtrinsicsSummary summary =
+        Solve("final", losses, options_.max_num_iterations, 1e-10);
+    RefinementResult result;
     result.converged = summary.converged;
     result.last_focal_change = summary.last_focal_change;
     result.covariance = summary.covariance;
     result.held_cameras = summary.held_cameras;
+    const ScaleMixtureLoss reported_noise =
+        EstimatesLoss() ? noise
+                        : ScaleMixtureLoss(Samples(cauchy.Get()).keypoints);
+    result.noise_std_px = reported_noise.InlierStd();
+    result.outlier_share = reported_noise.OutlierShare();
+    if (feature_std_px_ > 0.0) {
+      result.feature_noise_std_px = feature_noise.InlierStd();
+    }
     return result;
   }
 
  private:
+  // Whether the losses follow from the residuals.
+  bool EstimatesLoss() const { return options_.loss_scale == 0.0; }
+
+  bool HasFeatures() const {
+    return options_.featuremetric_weight > 0.0 &&
+           std::any_of(scene_->frames.begin(),
+                       scene_->frames.end(),
+                       [](const Frame& frame) {
+                         return !frame.feature_keypoints.empty();
+                       });
+  }
+
+  CauchyLosses MakeCauchyLosses() const {
+    if (!EstimatesLoss()) return CauchyLosses(options_.loss_scale, 0.0, 0.0);
+    const double relative_std =
+        feature_std_px_ > 0.0 ? std_px_ / feature_std_px_ : 0.0;
+    return CauchyLosses(
+        kCauchyScaleInStds * std_px_,
+        kCauchyScaleInStds * feature_std_px_,
+        options_.featuremetric_weight * relative_std * relative_std);
+  }
+
   FixedExtrinsicsSummary Solve(const std::string& name,
-                               const ceres::LossFunction& loss,
-                               bool is_likelihood,
+                               const Losses& losses,
                                int max_num_iterations,
                                double tolerance) {
     const auto start = std::chrono::steady_clock::now();
@@ -88,9 +149,10 @@ class Refiner {
     solver_options.refine_principal_point = options_.refine_principal_point;
     solver_options.refine_extra_params =
         options_.refine_extra_params && !only_principal_points;
-    solver_options.loss = &loss;
+    solver_options.loss = losses.keypoints;
+    solver_options.feature_loss = losses.features;
     // The minima of a fixed, sharp loss are those the schedule leads to.
-    solver_options.improve_points = options_.loss_scale == 0.0;
+    solver_options.improve_points = EstimatesLoss();
     solver_options.max_num_iterations = max_num_iterations;
     solver_options.parameter_tolerance = tolerance;
     solver_options.compute_covariance = name == "final";
@@ -112,26 +174,32 @@ class Refiner {
     for (const Frame& frame : scene_->frames) {
       // Estimated noise is that of every observation, whatever its frame.
       const double divisor =
-          options_.loss_scale > 0.0
-              ? static_cast<double>(
-                    scene_->frames.size() *
-                    std::max<size_t>(frame.observations.size(), 1))
-              : 1.0;
+          EstimatesLoss() ? 1.0
+                          : static_cast<double>(
+                                scene_->frames.size() *
+                                std::max<size_t>(frame.observations.size(), 1));
       const double weight = options_.reprojection_weight / divisor;
       solver_options.frame_weights.push_back(weight);
       weight_sum += weight * static_cast<double>(frame.observations.size());
       num_observations += static_cast<double>(frame.observations.size());
     }
     // What a squared residual of one standard deviation weighs in the cost.
-    solver_options.prior_weight = weight_sum / std::max(num_observations, 1.0) *
-                                  (is_likelihood ? 1.0 : std_px_ * std_px_);
+    solver_options.prior_weight =
+        weight_sum / std::max(num_observations, 1.0) *
+        (losses.is_likelihood ? 1.0 : std_px_ * std_px_);
     const FixedExtrinsicsSummary summary =
         SolveFixedExtrinsics(solver_options, scene_);
 
     Stage stage;
     stage.name = name;
     stage.weights = {{"reprojection", options_.reprojection_weight}};
-    stage.costs = {{"reprojection", summary.final_cost}};
+    stage.costs = {
+        {"reprojection", summary.final_cost - summary.final_feature_cost}};
+    if (losses.features != nullptr) {
+      stage.weights.emplace_back("featuremetric",
+                                 options_.featuremetric_weight);
+      stage.costs.emplace_back("featuremetric", summary.final_feature_cost);
+    }
     stage.num_iterations = summary.num_iterations;
     stage.time_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start)
@@ -142,42 +210,52 @@ class Refiner {
     return summary;
   }
 
-  // Solves with Cauchy losses of a scale that follows the residuals, until it
-  // no longer falls. Scales are rounded, so that the last one does not depend
-  // on the way there.
-  void Approach() {
+  // Solves with Cauchy losses of scales that follow the residuals, until they
+  // no longer fall. Scales are rounded, so that the last ones do not depend on
+  // the way there.
+  void Approach(const std::string& first_name) {
     std_px_ = RoundedStd(std_px_);
+    feature_std_px_ = RoundedStd(feature_std_px_);
     bool fell = false;
     for (int i = 0; i < kMaxNumStartSolves; ++i) {
-      const ceres::CauchyLoss loss(kCauchyScaleInStds * std_px_);
-      Solve(i == 0 ? "principal_points" : "start",
-            loss,
-            false,
-            kMaxNumStartIterations,
-            kStartTolerance);
-      const double std_px = RoundedStd(RobustStd(Samples(&loss)));
+      const CauchyLosses losses = MakeCauchyLosses();
+      const std::string name = i == 0 ? first_name : "start";
+      Solve(name, losses.Get(), kMaxNumStartIterations, kStartTolerance);
+      const NoiseSampleSets samples = Samples(losses.Get());
+      const double std_px = RoundedStd(RobustStd(samples.keypoints));
+      const double feature_std_px =
+          feature_std_px_ > 0.0 ? RoundedStd(RobustStd(samples.features)) : 0.0;
+      const bool falls = std_px < std_px_ || feature_std_px < feature_std_px_;
+      const bool stays = std_px == std_px_ && feature_std_px == feature_std_px_;
       // Of the principal points alone nothing follows about the scale.
-      if (i > 0 && (std_px == std_px_ || (fell && std_px > std_px_))) break;
-      fell = fell || std_px < std_px_;
+      if (name == "start" && (stays || (fell && !falls))) break;
+      fell = fell || falls;
       std_px_ = std_px;
+      feature_std_px_ = feature_std_px;
     }
   }
 
-  std::vector<NoiseSample> Samples(const ceres::LossFunction* loss) const {
-    std::vector<NoiseSample> samples =
-        NoiseSamples(*scene_, loss, options_.EffectiveNumThreads());
-    for (NoiseSample& sample : samples) {
-      // Noise-free data has residuals of rounding size, or none at all.
-      sample.squared = std::max(sample.squared, kMinStd * kMinStd);
+  NoiseSampleSets Samples(const Losses& losses) const {
+    NoiseSampleSets sets = NoiseSamples(*scene_,
+                                        losses.keypoints,
+                                        losses.features,
+                                        options_.EffectiveNumThreads());
+    for (auto* samples : {&sets.keypoints, &sets.features}) {
+      for (NoiseSample& sample : *samples) {
+        // Noise-free data has residuals of rounding size, or none at all.
+        sample.squared = std::max(sample.squared, kMinStd * kMinStd);
+      }
+      if (samples->empty()) samples->push_back({1.0, 1.0});
     }
-    if (samples.empty()) samples.push_back({1.0, 1.0});
-    return samples;
+    return sets;
   }
 
   const MultiFrameOptions& options_;
   const StageCallback& callback_;
   Scene* scene_;
   double std_px_ = 0.0;
+  // Of a typical feature; 0: features take no part (yet).
+  double feature_std_px_ = 0.0;
 };
 
 // The frame as a scene of its own, its images' intrinsics those of the rig.
@@ -259,6 +337,8 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
     }
     result.noise_std_px += frame_result.noise_std_px / num_frames;
     result.outlier_share += frame_result.outlier_share / num_frames;
+    result.feature_noise_std_px +=
+        frame_result.feature_noise_std_px / num_frames;
     if (i == 0)
       result.covariance.setZero(frame_result.covariance.rows(),
                                 frame_result.covariance.cols());
@@ -293,7 +373,7 @@ double EstimateCauchyScale(const Scene& scene) {
       single.cameras[image.camera_idx].cam_from_world = image.cam_from_world;
     }
     const std::vector<NoiseSample> frame_samples =
-        NoiseSamples(single, nullptr);
+        NoiseSamples(single, nullptr, nullptr).keypoints;
     samples.insert(samples.end(), frame_samples.begin(), frame_samples.end());
   }
   return std::max(1e-3, kCauchyScaleInStds * RobustStd(std::move(samples)));

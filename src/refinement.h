@@ -29,6 +29,8 @@ struct RefinementResult {
   // from the residuals.
   double noise_std_px = 0.0;
   double outlier_share = 0.0;
+  // Noise of a typical dense feature (px per axis); 0: none took part.
+  double feature_noise_std_px = 0.0;
   // See FixedExtrinsicsSummary.
   std::vector<bool> held_cameras;
 };

@@ -95,6 +95,15 @@ struct CostMaps {
   }
 };
 
+// Where the reference feature of the track lies in the image, and the square
+// root of its information relative to a typical feature: whitening * (x - xy)
+// has the same standard deviation, in pixels, for every feature along each axis
+// that has any weight. Zero: no feature.
+struct FeatureKeypoint {
+  Eigen::Vector2d xy = Eigen::Vector2d::Zero();  // pixels
+  Eigen::Matrix2d whitening = Eigen::Matrix2d::Zero();
+};
+
 // One instant. The track of points[i] is
 // observations[track_begins[i]] ... observations[track_begins[i + 1] - 1].
 struct Frame {
@@ -105,6 +114,8 @@ struct Frame {
   std::vector<Observation> observations;
   // Null without dense features. Shared, since frames are copied.
   std::shared_ptr<const CostMaps> cost_maps;
+  // By index of the cost map; empty without.
+  std::vector<FeatureKeypoint> feature_keypoints;
 };
 
 struct Scene {

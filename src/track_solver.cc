@@ -30,9 +30,13 @@ Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
 }
 
 TrackSolver::TrackSolver(const ceres::LossFunction* loss,
+                         const ceres::LossFunction* feature_loss,
                          const Scene* scene,
                          std::vector<FreeParams> free_params)
-    : loss_(loss), scene_(scene), free_params_(std::move(free_params)) {}
+    : loss_(loss),
+      feature_loss_(feature_loss),
+      scene_(scene),
+      free_params_(std::move(free_params)) {}
 
 double TrackSolver::Cost(const Track& track,
                          const std::vector<CameraState>& states,
@@ -49,6 +53,33 @@ double TrackSolver::Cost(const Track& track,
     double rho[3];
     loss_->Evaluate((xy - observation.xy).squaredNorm(), rho);
     cost += 0.5 * rho[0];
+    cost += FeatureCost(observation, xy);
+  }
+  return track.weight * cost;
+}
+
+double TrackSolver::FeatureCost(const Track::Observation& observation,
+                                const Eigen::Vector2d& xy) const {
+  if (!HasFeature(observation)) return 0.0;
+  const FeatureKeypoint& feature = *observation.feature;
+  double rho[3];
+  feature_loss_->Evaluate((feature.whitening * (xy - feature.xy)).squaredNorm(),
+                          rho);
+  return 0.5 * rho[0];
+}
+
+double TrackSolver::FeatureCost(const Track& track,
+                                const std::vector<CameraState>& states,
+                                const Eigen::Vector3d& xyz) const {
+  double cost = 0.0;
+  for (size_t i = 0; i < track.length && feature_loss_ != nullptr; ++i) {
+    const Track::Observation& observation = track.observations[i];
+    const size_t camera_idx = observation.camera_idx;
+    Eigen::Vector2d xy;
+    if (ProjectPoint(
+            *scene_->cameras[camera_idx].model, states[camera_idx], xyz, &xy)) {
+      cost += FeatureCost(observation, xy);
+    }
   }
   return track.weight * cost;
 }
@@ -93,6 +124,18 @@ void TrackSolver::BuildSystem(const Track& track,
       observation.weight =
           track.weight * RobustHessian(residual, rho, tried_curvature);
       observation.weighted_residual = track.weight * rho[1] * residual;
+      if (HasFeature(track.observations[i])) {
+        const Track::Observation& keypoint = track.observations[i];
+        const Eigen::Matrix2d& whitening = keypoint.feature->whitening;
+        const Eigen::Vector2d whitened =
+            whitening * (residual + keypoint.xy - keypoint.feature->xy);
+        feature_loss_->Evaluate(whitened.squaredNorm(), rho);
+        observation.weight += track.weight * whitening.transpose() *
+                              RobustHessian(whitened, rho, tried_curvature) *
+                              whitening;
+        observation.weighted_residual +=
+            track.weight * rho[1] * whitening.transpose() * whitened;
+      }
       const Matrix2x3& jacobian = linearizations[i].jacobian_point;
       hessian += jacobian.transpose() * observation.weight * jacobian;
       system->gradient += jacobian.transpose() * observation.weighted_residual;

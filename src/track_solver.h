@@ -21,6 +21,8 @@ struct Track {
   struct Observation {
     size_t camera_idx;
     Eigen::Vector2d xy;
+    // Null: none.
+    const FeatureKeypoint* feature = nullptr;
   };
   Eigen::Vector3d* xyz = nullptr;
   double weight = 1.0;
@@ -41,7 +43,7 @@ Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
 
 // Normal equations of a point.
 struct TrackSystem {
-  // Hessian and gradient with respect to the residual. (In a struct, since
+  // Hessian and gradient with respect to the projection. (In a struct, since
   // COLMAP specializes std::vector for the bare Eigen types.)
   struct Observation {
     Eigen::Matrix2d weight;
@@ -52,12 +54,15 @@ struct TrackSystem {
   std::vector<Observation> observations;
 };
 
-// Cost of a track: weight * sum_i 1/2 rho(|r_i|^2 / noise_i^2), with noise_i
-// the relative noise of the camera.
+// Cost of a track: weight * sum_i 1/2 rho(|r_i|^2) + 1/2 rho_f(|W_i r_f,i|^2),
+// with r_i the distance from keypoint to projection, and r_f,i and W_i the same
+// distance from the feature's keypoint and its whitening.
 class TrackSolver {
  public:
-  // `loss` and `scene` (its camera models) must outlive this.
+  // The losses and `scene` (its camera models) must outlive this.
+  // `feature_loss` may be null: features take no part.
   TrackSolver(const ceres::LossFunction* loss,
+              const ceres::LossFunction* feature_loss,
               const Scene* scene,
               std::vector<FreeParams> free_params);
 
@@ -65,6 +70,11 @@ class TrackSolver {
   double Cost(const Track& track,
               const std::vector<CameraState>& states,
               const Eigen::Vector3d& xyz) const;
+
+  // The part of the features.
+  double FeatureCost(const Track& track,
+                     const std::vector<CameraState>& states,
+                     const Eigen::Vector3d& xyz) const;
 
   // False behind a camera.
   bool Linearize(const Track& track,
@@ -92,6 +102,11 @@ class TrackSolver {
                         Eigen::Vector3d* xyz) const;
 
  private:
+  bool HasFeature(const Track::Observation& observation) const {
+    return feature_loss_ != nullptr && observation.feature != nullptr;
+  }
+  double FeatureCost(const Track::Observation& observation,
+                     const Eigen::Vector2d& xy) const;
   // Whether the loss gives an observation less than half of its weight, or
   // `xyz` is behind a camera.
   bool HasOutlier(const Track& track,
@@ -101,6 +116,7 @@ class TrackSolver {
                         const std::vector<CameraState>& states) const;
 
   const ceres::LossFunction* loss_;
+  const ceres::LossFunction* feature_loss_;
   const Scene* scene_;
   const std::vector<FreeParams> free_params_;
 };

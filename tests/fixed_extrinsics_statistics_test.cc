@@ -113,7 +113,7 @@ TEST_P(TrackLengthTest, NoiseSamplesHaveTheSigmaOfTheNoise) {
   for (const bool robust : {false, true}) {
     const ceres::CauchyLoss cauchy(2.385 * scene_options.noise);
     const std::vector<NoiseSample> samples =
-        NoiseSamples(scene, robust ? &cauchy : nullptr);
+        NoiseSamples(scene, robust ? &cauchy : nullptr, nullptr).keypoints;
     double degrees_of_freedom = 0.0;
     double sum = 0.0;
     for (const NoiseSample& sample : samples) {
