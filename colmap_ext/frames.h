@@ -37,6 +37,9 @@ struct Capture {
   std::vector<std::string> cameras_without_images;
   std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
 
+  // Cameras whose extrinsics in RIG contradict the frames, and why.
+  std::map<std::string, std::string> contradicting_cameras;
+
   size_t NumUsedFrames() const;
 };
 
@@ -60,6 +63,10 @@ Capture ReadCapture(const std::string& frames_path,
                     const std::string& frame_list_path,
                     const Rig& rig,
                     const MultiFrameOptions& options);
+
+// Drops cameras that no used frame has from the capture and renumbers the
+// others.
+void RemoveCamerasWithoutImages(Capture* capture);
 
 // Moves each frame robustly (AlignPoses) into the coordinates `new_from_rig`
 // away from the rig's. Skips frames that do not align; throws InputError if

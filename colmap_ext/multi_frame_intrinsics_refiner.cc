@@ -18,6 +18,7 @@
 #include "src/alignment.h"
 #include "src/errors.h"
 #include "src/evaluation.h"
+#include "src/extrinsics_check.h"
 #include "src/held_out_tracks.h"
 #include "src/refinement.h"
 
@@ -466,6 +467,35 @@ void LogAlignment(const Capture& capture, const Progress& progress) {
   }
 }
 
+void AddContradictions(const Scene& scene,
+                       const std::vector<double>& start_stds_px,
+                       const std::vector<double>& stds_px,
+                       const std::vector<double>& own_stds_px,
+                       Capture* capture) {
+  for (const ExtrinsicsContradiction& contradiction :
+       FindExtrinsicsContradictions(start_stds_px, stds_px, own_stds_px)) {
+    const std::string& name = scene.cameras[contradiction.camera_idx].name;
+    capture->contradicting_cameras[name] = colmap::StringPrintf(
+        "its residuals are %.2f px, the median camera's %.2f px, its own in "
+        "the frames %.2f px",
+        contradiction.std_px,
+        contradiction.others_std_px,
+        contradiction.own_std_px);
+  }
+}
+
+// On stderr, also when quiet: the result is not what the user expects.
+void WarnOfContradictions(const Capture& capture) {
+  for (const auto& name_and_reason : capture.contradicting_cameras) {
+    std::cerr << "WARNING: camera '" << name_and_reason.first
+              << "' contradicts its extrinsics in RIG: "
+              << name_and_reason.second
+              << ". Was it moved, or has it another camera's name? Correct "
+                 "RIG, or leave the camera out of it."
+              << std::endl;
+  }
+}
+
 // The paper's schedule over COLMAP's bundle adjustment problem; leaves points,
 // per-frame intrinsics and global intrinsics in the scene.
 void RunSchedule(const MultiFrameOptions& options,
@@ -561,6 +591,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   held_out.PutBack(&start);
   const std::vector<double> residuals_before =
       SquaredResiduals(start, single_frame_mode);
+  const std::vector<double> own_stds_px =
+      RobustStdByCamera(start, OwnSquaredResiduals(start));
   result.refinement = RefineScene(multi_frame,
                                   normalized_from_rig,
                                   progress.RecordStages(&result.stages),
@@ -570,6 +602,12 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   held_out.PutBack(&scene);
   const std::vector<double> residuals_after =
       SquaredResiduals(scene, single_frame_mode);
+  AddContradictions(scene,
+                    RobustStdByCamera(start, residuals_before),
+                    RobustStdByCamera(scene, residuals_after),
+                    own_stds_px,
+                    &capture);
+  WarnOfContradictions(capture);
   // The same observations before and after.
   const double max_squared = MaxInlierSquaredResidual(residuals_after);
   std::vector<bool> inliers;

@@ -261,6 +261,9 @@ Json MakeCameras(const RefinerResult& result) {
     if (num_observations[i] > 0 && !determined) {
       flags.push_back("weakly_determined");
     }
+    if (result.capture->contradicting_cameras.count(camera.name) > 0) {
+      flags.push_back("contradicts_extrinsics");
+    }
     if (result.refinement.held_cameras[i]) flags.push_back("held_at_start");
     if (camera.constant_intrinsics) flags.push_back("constant");
     if (num_frames[i] == 1) flags.push_back("single_frame");

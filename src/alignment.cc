@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace mfir {
 namespace {
@@ -26,14 +27,51 @@ struct PosePair {
   Eigen::Vector3d target_center;
 };
 
-double Spread(const std::vector<PosePair>& pairs) {
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-  for (const PosePair& pair : pairs) mean += pair.target_center / pairs.size();
-  double sum = 0.0;
-  for (const PosePair& pair : pairs) {
-    sum += (pair.target_center - mean).squaredNorm();
+double Median(std::vector<double> values) {
+  std::nth_element(
+      values.begin(), values.begin() + values.size() / 2, values.end());
+  return values[values.size() / 2];
+}
+
+// The centres without those that are absurdly far from the others: one wrong
+// coordinate must not set the scale of all.
+std::vector<Eigen::Vector3d> WithoutFarCenters(
+    const std::vector<Eigen::Vector3d>& centers) {
+  constexpr double kMaxDistance = 10.0;  // median distances
+  Eigen::Vector3d middle;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> coordinates;
+    for (const Eigen::Vector3d& center : centers) {
+      coordinates.push_back(center(axis));
+    }
+    middle(axis) = Median(coordinates);
   }
-  return std::sqrt(sum / pairs.size());
+  std::vector<double> distances;
+  for (const Eigen::Vector3d& center : centers) {
+    distances.push_back((center - middle).norm());
+  }
+  const double max_distance = kMaxDistance * Median(distances);
+  std::vector<Eigen::Vector3d> near;
+  for (size_t i = 0; i < centers.size(); ++i) {
+    // All, where more than half of the centres coincide.
+    if (distances[i] <= max_distance || max_distance == 0.0) {
+      near.push_back(centers[i]);
+    }
+  }
+  return near;
+}
+
+// Mean and RMS distance from it, without centres that are far from the others.
+std::pair<Eigen::Vector3d, double> MeanAndSpread(
+    const std::vector<Eigen::Vector3d>& centers) {
+  const std::vector<Eigen::Vector3d> near = WithoutFarCenters(centers);
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& center : near) mean += center / near.size();
+  double sum = 0.0;
+  for (const Eigen::Vector3d& center : near) {
+    sum += (center - mean).squaredNorm();
+  }
+  return {mean, std::sqrt(sum / near.size())};
 }
 
 double PoseError(const Similarity3& alignment,
@@ -159,6 +197,7 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
                          const std::vector<Rigid3>& target_cams_from_world) {
   PoseAlignment result;
   std::vector<PosePair> pairs;
+  std::vector<Eigen::Vector3d> target_centers;
   for (size_t i = 0; i < source_cams_from_world.size(); ++i) {
     const Rigid3& source = source_cams_from_world[i];
     const Rigid3& target = target_cams_from_world[i];
@@ -166,6 +205,7 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
         {(target.rotation.conjugate() * source.rotation).normalized(),
          source.Center(),
          target.Center()});
+    target_centers.push_back(target.Center());
   }
   if (pairs.size() < kMinNumPoses) {
     result.failure = "only " + std::to_string(pairs.size()) +
@@ -174,7 +214,7 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
     return result;
   }
 
-  const double spread = Spread(pairs);
+  const double spread = MeanAndSpread(target_centers).second;
   for (const double max_error : kMaxInlierErrors) {
     Similarity3& alignment = result.target_from_source;
     if (!(spread > 0.0) ||
@@ -204,15 +244,11 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
 }
 
 Similarity3 NormalizeRig(const std::vector<Rigid3>& cams_from_world) {
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  std::vector<Eigen::Vector3d> centers;
   for (const Rigid3& cam_from_world : cams_from_world) {
-    mean += cam_from_world.Center() / cams_from_world.size();
+    centers.push_back(cam_from_world.Center());
   }
-  double sum = 0.0;
-  for (const Rigid3& cam_from_world : cams_from_world) {
-    sum += (cam_from_world.Center() - mean).squaredNorm();
-  }
-  const double rms = std::sqrt(sum / cams_from_world.size());
+  const auto [mean, rms] = MeanAndSpread(centers);
   Similarity3 normalized_from_world;
   normalized_from_world.scale = rms > 0.0 ? 1000.0 / rms : 1.0;
   normalized_from_world.translation = -normalized_from_world.scale * mean;

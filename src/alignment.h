@@ -32,6 +32,7 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
 // Similarity into coordinates in which the camera centres have zero mean and an
 // RMS distance of 1000 from it: about the millimetres of the paper's dome, so
 // that the weights of the translation prior mean the same for every array.
+// Centres more than ten median distances off do not count.
 Similarity3 NormalizeRig(const std::vector<Rigid3>& cams_from_world);
 
 Similarity3 Inverse(const Similarity3& b_from_a);

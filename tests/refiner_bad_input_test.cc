@@ -361,6 +361,43 @@ TEST_F(BadInputTest, RigWithExchangedNames) {
   EXPECT_NE(Refine().exit_code, kExitSuccess);
 }
 
+// One or two wrong cameras: the result says which.
+TEST_F(BadInputTest, CamerasThatContradictTheRigAreFlagged) {
+  const auto expect_flags = [this](const std::vector<std::string>& names) {
+    const CommandResult result = Refine({{"MultiFrame.quiet", "1"}});
+    EXPECT_TRUE(result.exit_code == kExitSuccess ||
+                result.exit_code == kExitSolver)
+        << result.error;
+    std::vector<std::string> flagged;
+    const nlohmann::json summary = Summary();
+    for (const nlohmann::json& camera : summary["cameras"]) {
+      for (const nlohmann::json& flag : camera["flags"]) {
+        if (flag == "contradicts_extrinsics") flagged.push_back(camera["name"]);
+      }
+    }
+    EXPECT_EQ(flagged, names);
+    for (const std::string& name : names) {
+      EXPECT_NE(result.error.find("WARNING: camera '" + name + "'"),
+                std::string::npos)
+          << result.error;
+    }
+    fs::remove_all(Path("out"));
+  };
+  expect_flags({});
+  ChangeRig([](colmap::Reconstruction* rig) {
+    const std::string name = rig->Image(2).Name();
+    rig->Image(2).SetName(rig->Image(6).Name());
+    rig->Image(6).SetName(name);
+  });
+  expect_flags({"cam01", "cam05"});
+  fs::remove_all(Path("rig"));
+  fs::copy(*original_ / "capture/rig", Path("rig"));
+  ChangeRig([](colmap::Reconstruction* rig) {
+    rig->Image(4).SetTvec(Eigen::Vector3d(1e6, 0, 0));
+  });
+  expect_flags({"cam03"});
+}
+
 TEST_F(BadInputTest, RigWithTooFewOrCoincidentCameras) {
   for (const size_t num_cameras : {2, 1, 0}) {
     ChangeRig(

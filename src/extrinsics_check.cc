@@ -1,0 +1,92 @@
+#include "extrinsics_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace mfir {
+namespace {
+
+constexpr double kMaxStdRatio = 3.0;
+constexpr double kMinStdPx = 0.5;
+
+// NaN if there is none.
+double Median(std::vector<double> values) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Of the cameras with observations.
+double MedianOfValid(const std::vector<double>& values) {
+  std::vector<double> valid;
+  for (const double value : values) {
+    if (!std::isnan(value)) valid.push_back(value);
+  }
+  return Median(valid);
+}
+
+}  // namespace
+
+std::vector<double> RobustStdByCamera(
+    const Scene& scene, const std::vector<double>& squared_residuals) {
+  std::vector<std::vector<double>> by_camera(scene.cameras.size());
+  size_t k = 0;
+  for (const Frame& frame : scene.frames) {
+    for (const Observation& observation : frame.observations) {
+      by_camera[frame.images[observation.image_idx].camera_idx].push_back(
+          squared_residuals[k++]);
+    }
+  }
+  std::vector<double> stds_px;
+  for (const std::vector<double>& squared : by_camera) {
+    stds_px.push_back(std::sqrt(Median(squared) / (2.0 * std::log(2.0))));
+  }
+  return stds_px;
+}
+
+std::vector<double> OwnSquaredResiduals(const Scene& scene) {
+  std::vector<double> squared_residuals;
+  for (const Frame& frame : scene.frames) {
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        const FrameImage& image = frame.images[observation.image_idx];
+        const Eigen::Vector3d p = image.cam_from_world * frame.points[i];
+        Eigen::Vector2d xy;
+        scene.cameras[image.camera_idx].model->Project(
+            image.params.data(), p.x() / p.z(), p.y() / p.z(), xy.data());
+        const double squared = (xy - observation.xy).squaredNorm();
+        squared_residuals.push_back(
+            p.z() > 0.0 && std::isfinite(squared)
+                ? squared
+                : std::numeric_limits<double>::infinity());
+      }
+    }
+  }
+  return squared_residuals;
+}
+
+std::vector<ExtrinsicsContradiction> FindExtrinsicsContradictions(
+    const std::vector<double>& start_stds_px,
+    const std::vector<double>& stds_px,
+    const std::vector<double>& own_stds_px) {
+  const double others_std_px = MedianOfValid(stds_px);
+  const bool all_spoilt =
+      others_std_px >
+      std::max(kMinStdPx, kMaxStdRatio * MedianOfValid(own_stds_px));
+  const std::vector<double>& compared = all_spoilt ? start_stds_px : stds_px;
+  const double median = MedianOfValid(compared);
+  std::vector<ExtrinsicsContradiction> contradictions;
+  for (size_t i = 0; i < stds_px.size(); ++i) {
+    if (compared[i] > kMaxStdRatio * median &&
+        stds_px[i] > std::max(kMinStdPx, kMaxStdRatio * own_stds_px[i])) {
+      contradictions.push_back({i, stds_px[i], others_std_px, own_stds_px[i]});
+    }
+  }
+  return contradictions;
+}
+
+}  // namespace mfir
