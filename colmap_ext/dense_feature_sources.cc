@@ -90,6 +90,61 @@ bool SameFile(const std::string& a, const std::string& b) {
 
 }  // namespace
 
+void AddDenseFeatureOptions(MultiFrameOptions* multi_frame,
+                            OptionParser* parser) {
+  const auto add = [&](const char* name, auto* value, const char* help) {
+    parser->Add(std::string("MultiFrame.") + name, value, help);
+  };
+  add("dense_features",
+      &multi_frame->dense_features,
+      "none, sift, onnx or database");
+  DenseFeatureOptions* options = &multi_frame->features;
+  add("feature_patch_size",
+      &options->patch_size,
+      "Side of the patches that are computed (feature pixels)");
+  add("sift_bin_size",
+      &options->sift.bin_size,
+      "Width of the 4 x 4 bins of a descriptor (px, even)");
+  add("sift_smoothing",
+      &options->sift.smoothing,
+      "Standard deviation of the Gaussian on the image (px)");
+  OnnxFeatureOptions* onnx = &options->onnx;
+  add("onnx_path", &onnx->path, "Fully convolutional network");
+  add("onnx_input",
+      &onnx->input_name,
+      "Name of its input; empty: the only one");
+  add("onnx_output",
+      &onnx->output_name,
+      "Name of the descriptor map; empty: the only output");
+  add("onnx_color_order", &onnx->color_order, "rgb, bgr or grey");
+  add("onnx_mean",
+      &onnx->mean,
+      "Subtracted from values 0 to 1, one number or one per channel");
+  add("onnx_std", &onnx->std, "Divides the difference");
+  add("onnx_l2_normalize",
+      &onnx->l2_normalize,
+      "Scale each descriptor to unit length");
+  add("onnx_stride",
+      &onnx->stride,
+      "Image pixels per pixel of the map; 0: from its size");
+  add("onnx_tile_size", &onnx->tile_size, "Side of the largest tile (px)");
+  add("onnx_tile_overlap",
+      &onnx->tile_overlap,
+      "Radius of the receptive field (px)");
+  add("onnx_tile_alignment",
+      &onnx->tile_alignment,
+      "Tile sides are multiples of this (px)");
+  add("onnx_fixed_size",
+      &onnx->fixed_size,
+      "The network takes inputs of onnx_tile_size x onnx_tile_size only");
+  add("dense_feature_path",
+      &options->database_path,
+      "SQLite file that 'database' reads");
+  add("write_dense_features",
+      &options->write_path,
+      "SQLite file to write the features to");
+}
+
 std::unique_ptr<DenseFeatureSource> MakeDenseFeatureSource(
     const MultiFrameOptions& options,
     const std::string& image_path,

@@ -8,10 +8,15 @@
 #include <vector>
 
 #include "colmap_ext/compat.h"
+#include "colmap_ext/option_parser.h"
 #include "src/dense_features.h"
 #include "src/options.h"
 
 namespace mfir {
+
+// Registers the options of all sources, [MultiFrame].
+void AddDenseFeatureOptions(MultiFrameOptions* multi_frame,
+                            OptionParser* parser);
 
 // The source that options.dense_features names ("sift", "onnx" or "database"),
 // which also writes what it gives if options.features.write_path is set.

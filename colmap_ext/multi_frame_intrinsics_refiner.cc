@@ -9,6 +9,7 @@
 
 #include "colmap_ext/command.h"
 #include "colmap_ext/compat.h"
+#include "colmap_ext/dense_feature_sources.h"
 #include "colmap_ext/frames.h"
 #include "colmap_ext/input_file.h"
 #include "colmap_ext/multi_frame_bundle_adjuster.h"
@@ -72,54 +73,6 @@ void AddPaths(RefinerOptions* options, OptionParser* parser) {
   parser->Add("ground_truth_format",
               &options->ground_truth_format,
               "auto, colmap, krt or opencv");
-}
-
-template <typename Add>
-void AddDenseFeatureOptions(DenseFeatureOptions* options, const Add& add) {
-  add("feature_patch_size",
-      &options->patch_size,
-      "Side of the patches that are computed (feature pixels)");
-  add("sift_bin_size",
-      &options->sift.bin_size,
-      "Width of the 4 x 4 bins of a descriptor (px, even)");
-  add("sift_smoothing",
-      &options->sift.smoothing,
-      "Standard deviation of the Gaussian on the image (px)");
-  OnnxFeatureOptions* onnx = &options->onnx;
-  add("onnx_path", &onnx->path, "Fully convolutional network");
-  add("onnx_input",
-      &onnx->input_name,
-      "Name of its input; empty: the only one");
-  add("onnx_output",
-      &onnx->output_name,
-      "Name of the descriptor map; empty: the only output");
-  add("onnx_color_order", &onnx->color_order, "rgb, bgr or grey");
-  add("onnx_mean",
-      &onnx->mean,
-      "Subtracted from values 0 to 1, one number or one per channel");
-  add("onnx_std", &onnx->std, "Divides the difference");
-  add("onnx_l2_normalize",
-      &onnx->l2_normalize,
-      "Scale each descriptor to unit length");
-  add("onnx_stride",
-      &onnx->stride,
-      "Image pixels per pixel of the map; 0: from its size");
-  add("onnx_tile_size", &onnx->tile_size, "Side of the largest tile (px)");
-  add("onnx_tile_overlap",
-      &onnx->tile_overlap,
-      "Radius of the receptive field (px)");
-  add("onnx_tile_alignment",
-      &onnx->tile_alignment,
-      "Tile sides are multiples of this (px)");
-  add("onnx_fixed_size",
-      &onnx->fixed_size,
-      "The network takes inputs of onnx_tile_size x onnx_tile_size only");
-  add("dense_feature_path",
-      &options->database_path,
-      "SQLite file that 'database' reads");
-  add("write_dense_features",
-      &options->write_path,
-      "SQLite file to write the features to");
 }
 
 void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
@@ -194,10 +147,7 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("camera_name_regex",
       &options->camera_name_regex,
       "One capture group: the camera name within an image name");
-  add("dense_features",
-      &options->dense_features,
-      "none, sift, onnx or database");
-  AddDenseFeatureOptions(&options->features, add);
+  AddDenseFeatureOptions(options, parser);
   add("use_gpu", &options->use_gpu, "-1: if there is one, 0, 1");
   add("gpu_index", &options->gpu_index, "-1: any");
   add("num_threads", &options->num_threads, "-1: all");

@@ -99,7 +99,9 @@ TEST(PlanTiles, TilesCoverTheImageWithMargins) {
         const TilesAlongAxis tiles =
             PlanTiles(size, max_size, margin, alignment, fixed_size);
         ASSERT_LE(tiles.size, max_size);
-        if (fixed_size) ASSERT_EQ(tiles.size, max_size);
+        if (fixed_size) {
+          ASSERT_EQ(tiles.size, max_size);
+        }
         ASSERT_EQ(tiles.size % alignment, 0);
         ASSERT_EQ(tiles.cores.front(), 0);
         ASSERT_EQ(tiles.cores.back(), size);
