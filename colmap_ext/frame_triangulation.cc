@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <mutex>
 
 #include "colmap_ext/camera_models.h"
 #include "src/epipolar_tolerance.h"
@@ -22,6 +23,8 @@ constexpr size_t kNumShifts = 20;
 // Reprojection errors have two components and come with the error of the
 // point; epipolar errors of the drift have one.
 constexpr double kReprojectionFactor = 3.0;
+// Pairs of keypoints of two images: 400 MB in guided matching.
+constexpr size_t kLargePair = 20000000;
 
 struct DatabaseImage {
   colmap::image_t image_id = 0;
@@ -53,9 +56,9 @@ double MeanFocalLength(const RigCamera& camera) {
 
 // The images of the database that belong to cameras of the rig, by camera.
 std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
-                                   const std::vector<RigCamera>& cameras,
-                                   const colmap::Database& database,
-                                   std::vector<std::string>* warnings) {
+                                      const std::vector<RigCamera>& cameras,
+                                      const colmap::Database& database,
+                                      std::vector<std::string>* warnings) {
   std::map<std::string, size_t> camera_idxs;
   for (size_t i = 0; i < cameras.size(); ++i) camera_idxs[cameras[i].name] = i;
   std::vector<colmap::Image> database_images = database.ReadAllImages();
@@ -162,7 +165,8 @@ std::vector<ImagePair> ReadPairs(const TriangulatorOptions& options,
                                  const std::vector<DatabaseImage>& images,
                                  const colmap::Database& database) {
   std::map<colmap::image_t, const DatabaseImage*> images_by_id;
-  for (const DatabaseImage& image : images) images_by_id[image.image_id] = &image;
+  for (const DatabaseImage& image : images)
+    images_by_id[image.image_id] = &image;
   std::vector<ImagePair> pairs;
   for (auto& [pair_id, matches] : database.ReadAllMatches()) {
     colmap::image_t id1, id2;
@@ -290,6 +294,13 @@ void MatchGuided(const TriangulatorOptions& options,
                    Eigen::Vector3d(1.0, 1.0, f1).asDiagonal();
       colmap::SiftMatchingOptions matching = options.sift_matching;
       matching.max_error = pair.tolerance;
+      // COLMAP holds five numbers per pair of keypoints: only one large pair of
+      // images at a time, over all frames.
+      static std::mutex large_pair_mutex;
+      std::unique_lock<std::mutex> lock(large_pair_mutex, std::defer_lock);
+      if (pair.image1->rays.size() * pair.image2->rays.size() > kLargePair) {
+        lock.lock();
+      }
       colmap::MatchGuidedSiftFeaturesCPU(matching,
                                          keypoints.at(pair.image1),
                                          keypoints.at(pair.image2),

@@ -83,9 +83,6 @@ void AddMapperOptions(TriangulatorOptions* options, OptionParser* parser) {
   add("ignore_watermarks", &options->ignore_watermarks);
   add("filter_max_reproj_error", &options->filter_max_reproj_error, kFromData);
   add("filter_min_tri_angle", &options->filter_min_tri_angle);
-  add("min_focal_length_ratio", &tri->min_focal_length_ratio);
-  add("max_focal_length_ratio", &tri->max_focal_length_ratio);
-  add("max_extra_param", &tri->max_extra_param);
   add("tri_max_transitivity", &tri->max_transitivity);
   add("tri_create_max_angle_error", &tri->create_max_angle_error, kFromData);
   add("tri_continue_max_angle_error",
@@ -131,7 +128,14 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
 
 TriangulatorOptions::TriangulatorOptions() {
   sift_matching.min_num_inliers = 5;
+  // Twice the points on a real dome: the ratio test has fewer rivals.
+  sift_matching.guided_matching = true;
   triangulation.ignore_two_view_tracks = false;
+  // COLMAP leaves cameras out whose intrinsics look like a failed estimate.
+  // Here they are given, and k2 of a narrow lens may well be 3.
+  triangulation.min_focal_length_ratio = 0.0;
+  triangulation.max_focal_length_ratio = std::numeric_limits<double>::max();
+  triangulation.max_extra_param = std::numeric_limits<double>::max();
   triangulation.create_max_angle_error = 0.0;
   triangulation.continue_max_angle_error = 0.0;
   triangulation.re_max_angle_error = 0.0;
