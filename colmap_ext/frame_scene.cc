@@ -7,7 +7,6 @@
 #include "src/alignment.h"
 
 namespace mfir {
-namespace {
 
 std::vector<colmap::point3D_t> SortedPointIds(
     const colmap::Reconstruction& reconstruction) {
@@ -18,8 +17,6 @@ std::vector<colmap::point3D_t> SortedPointIds(
   std::sort(ids.begin(), ids.end());
   return ids;
 }
-
-}  // namespace
 
 Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
   Scene scene;

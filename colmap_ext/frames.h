@@ -73,6 +73,10 @@ void RemoveCamerasWithoutImages(Capture* capture);
 // none does.
 void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
 
+// Ids of all points, ascending: the order of Frame::points.
+std::vector<colmap::point3D_t> SortedPointIds(
+    const colmap::Reconstruction& reconstruction);
+
 // Arrays of the used frames, with the rig's known extrinsics in the
 // coordinates `new_from_rig`. Ordered by camera, image and point id, so that
 // the order on disk does not matter. Intrinsics of the rig's cameras are not

@@ -1,6 +1,7 @@
 #include "colmap_ext/multi_frame_bundle_adjuster.h"
 
 #include <algorithm>
+#include <map>
 
 namespace mfir {
 namespace {
@@ -45,18 +46,19 @@ void MultiFrameBundleAdjuster::Run(const StageCallback& callback,
           ->Camera(static_cast<colmap::camera_t>(image.camera_idx + 1))
           .SetParams(image.params);
     }
-    AddFrame(scene_frame.observations.size(), &frame, &schedule);
+    AddFrame(scene_frame, &frame, &schedule);
   }
   schedule.Run(options_.solver_options, callback);
 }
 
-void MultiFrameBundleAdjuster::AddFrame(size_t num_observations,
+void MultiFrameBundleAdjuster::AddFrame(const Frame& scene_frame,
                                         FrameModel* frame,
                                         ProgressiveSchedule* schedule) {
   colmap::Reconstruction* reconstruction = frame->reconstruction.get();
   camera_ids_.clear();
   point3D_num_observations_.clear();
-  ceres::LossFunction* loss = schedule->BeginFrame(num_observations);
+  ceres::LossFunction* loss =
+      schedule->BeginFrame(scene_frame.observations.size());
   std::vector<ImageBlocks> images;
   for (const auto& idx_and_image : frame->image_ids) {
     AddImageToProblem(idx_and_image.second, reconstruction, loss);
@@ -81,6 +83,37 @@ void MultiFrameBundleAdjuster::AddFrame(size_t num_observations,
     points.push_back(reconstruction->Point3D(point_id).XYZ().data());
   }
   schedule->EndFrame(images, points);
+  if (scene_frame.cost_maps != nullptr) {
+    AddFeaturemetric(scene_frame, images, reconstruction, schedule);
+  }
+}
+
+void MultiFrameBundleAdjuster::AddFeaturemetric(
+    const Frame& scene_frame,
+    const std::vector<ImageBlocks>& images,
+    colmap::Reconstruction* reconstruction,
+    ProgressiveSchedule* schedule) {
+  std::map<size_t, const ImageBlocks*> blocks_by_camera;
+  for (const ImageBlocks& image : images) {
+    blocks_by_camera[image.camera_idx] = &image;
+  }
+  const std::vector<colmap::point3D_t> point_ids =
+      SortedPointIds(*reconstruction);
+  for (size_t i = 0; i < point_ids.size(); ++i) {
+    double* xyz = reconstruction->Point3D(point_ids[i]).XYZ().data();
+    for (size_t k = scene_frame.track_begins[i];
+         k < scene_frame.track_begins[i + 1];
+         ++k) {
+      const Observation& observation = scene_frame.observations[k];
+      if (observation.cost_map_idx < 0) continue;
+      schedule->AddFeaturemetric(
+          scene_frame.cost_maps,
+          static_cast<size_t>(observation.cost_map_idx),
+          *blocks_by_camera.at(
+              scene_frame.images[observation.image_idx].camera_idx),
+          xyz);
+    }
+  }
 }
 
 }  // namespace mfir

@@ -24,9 +24,13 @@ class MultiFrameBundleAdjuster : public colmap::BundleAdjuster {
   void Run(const StageCallback& callback, Capture* capture, Scene* scene);
 
  private:
-  void AddFrame(size_t num_observations,
+  void AddFrame(const Frame& scene_frame,
                 FrameModel* frame,
                 ProgressiveSchedule* schedule);
+  void AddFeaturemetric(const Frame& scene_frame,
+                        const std::vector<ImageBlocks>& images,
+                        colmap::Reconstruction* reconstruction,
+                        ProgressiveSchedule* schedule);
 
   const MultiFrameOptions multi_frame_options_;
 };

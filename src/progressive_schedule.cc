@@ -8,6 +8,7 @@
 #include <ceres/manifold.h>
 
 #include "errors.h"
+#include "featuremetric_residual.h"
 #include "priors.h"
 #include "refinement.h"
 
@@ -64,7 +65,9 @@ ProgressiveSchedule::ProgressiveSchedule(const MultiFrameOptions& options,
                options.extra_params_variance_weight,
                true,
                {},
-               {}}}) {}
+               {}},
+              {"featuremetric", options.featuremetric_weight, false, {}, {}}}) {
+}
 
 ceres::LossFunction* ProgressiveSchedule::AddLoss(TermIndex index,
                                                   double divisor) {
@@ -83,8 +86,26 @@ void ProgressiveSchedule::AddBlock(
 }
 
 ceres::LossFunction* ProgressiveSchedule::BeginFrame(size_t num_observations) {
-  return AddLoss(kReprojection,
-                 num_frames_ * static_cast<double>(num_observations));
+  num_observations_ = static_cast<double>(num_observations);
+  featuremetric_loss_ = nullptr;
+  return AddLoss(kReprojection, num_frames_ * num_observations_);
+}
+
+void ProgressiveSchedule::AddFeaturemetric(
+    const std::shared_ptr<const CostMaps>& cost_maps,
+    size_t cost_map_idx,
+    const ImageBlocks& image,
+    double* point) {
+  if (terms_[kFeaturemetric].weight == 0.0) return;
+  if (featuremetric_loss_ == nullptr) {
+    featuremetric_loss_ =
+        AddLoss(kFeaturemetric, num_frames_ * num_observations_);
+  }
+  AddBlock(kFeaturemetric,
+           new FeaturemetricCost(
+               (*cameras_)[image.camera_idx].model, cost_maps, cost_map_idx),
+           featuremetric_loss_,
+           {image.qvec, image.tvec, point, image.params});
 }
 
 void ProgressiveSchedule::EndFrame(const std::vector<ImageBlocks>& images,

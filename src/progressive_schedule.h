@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <memory>
 #include <set>
 #include <string>
 #include <vector>
@@ -31,10 +32,11 @@ struct ImageBlocks {
 //   + rotation_prior_weight / (N_F N_C,i)   sum |log(R_ij Rhat_j^T)|
 //   + translation_prior_weight / (N_F N_C,i) sum |t_ij - that_j|
 //   + *_variance_weight / (N_F N_C)         sum |K_ij - Kbar_j|
+//   + featuremetric_weight / (N_F |obs_i|)  sum |G_ijx(Pi(...))|
 //
 // Terms with weight zero are left out. Usage: for each frame, BeginFrame, add
 // the frame's reprojection blocks to the problem with the loss it returns,
-// EndFrame; then Run.
+// EndFrame, and AddFeaturemetric for observations with a cost map; then Run.
 class ProgressiveSchedule {
  public:
   // `cameras`: the rig in the coordinates of the problem, with the initial
@@ -50,6 +52,14 @@ class ProgressiveSchedule {
   // Registers the blocks added since BeginFrame and adds the frame's priors.
   void EndFrame(const std::vector<ImageBlocks>& images,
                 const std::vector<double*>& points);
+
+  // Adds the featuremetric residual of an observation of the frame of the last
+  // EndFrame, in blocks that its reprojection residual uses. `image`: one of
+  // that call.
+  void AddFeaturemetric(const std::shared_ptr<const CostMaps>& cost_maps,
+                        size_t cost_map_idx,
+                        const ImageBlocks& image,
+                        double* point);
 
   // All solves, each reported. Of `solver_options` the linear solver, number of
   // iterations and threads, and function tolerance are set here. Throws
@@ -76,7 +86,8 @@ class ProgressiveSchedule {
     kTranslationPrior,
     kFocalVariance,
     kPrincipalPointVariance,
-    kExtraParamsVariance
+    kExtraParamsVariance,
+    kFeaturemetric
   };
 
   ceres::LossFunction* AddLoss(TermIndex index, double divisor);
@@ -94,9 +105,12 @@ class ProgressiveSchedule {
 
   const MultiFrameOptions options_;
   const double num_frames_;
+  double num_observations_ = 0.0;  // of the last frame
   std::vector<RigCamera>* cameras_;
   ceres::Problem* problem_;
   std::vector<Term> terms_;
+  // Of the last frame; null until it has a featuremetric residual.
+  ceres::LossFunction* featuremetric_loss_ = nullptr;
   std::vector<double*> points_;
   std::vector<double*> images_;
   std::set<size_t> global_camera_idxs_;

@@ -8,6 +8,7 @@
 
 #include "src/alignment.h"
 #include "src/errors.h"
+#include "tests/test_features.h"
 #include "tests/test_scenes.h"
 
 namespace mfir {
@@ -28,17 +29,21 @@ struct Blocks {
   Scene scene;  // observations
 };
 
-// Poses and points off by about 1 % of the array, intrinsics as in
-// MakeTestScene; frame 1 lacks the last camera.
-Blocks MakeBlocks(const std::string& model) {
+TestSceneOptions BlockOptions(const std::string& model) {
   TestSceneOptions options;
   options.model = model;
   options.num_cameras = 6;
   options.num_points = 60;
   options.noise = 0.3;
   options.track_length = 4;
+  return options;
+}
+
+// Poses and points off by about 1 % of the array, intrinsics as in
+// MakeTestScene; frame 1 lacks the last camera.
+Blocks MakeBlocks(const std::string& model) {
   Blocks blocks;
-  blocks.scene = MakeTestScene(options).start;
+  blocks.scene = MakeTestScene(BlockOptions(model)).start;
   std::vector<Rigid3> poses;
   for (const RigCamera& camera : blocks.scene.cameras) {
     poses.push_back(camera.cam_from_world);
@@ -97,6 +102,24 @@ size_t CountObservations(Blocks* blocks, size_t f) {
       });
 }
 
+void AddFeaturemetric(const std::vector<ImageBlocks>& images,
+                      size_t f,
+                      Blocks* blocks,
+                      ProgressiveSchedule* schedule) {
+  const Frame& frame = blocks->scene.frames[f];
+  for (size_t i = 0; i < frame.points.size(); ++i) {
+    for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1]; ++k) {
+      const Observation& observation = frame.observations[k];
+      if (observation.cost_map_idx < 0) continue;
+      if (observation.image_idx >= images.size()) continue;
+      schedule->AddFeaturemetric(frame.cost_maps,
+                                 static_cast<size_t>(observation.cost_map_idx),
+                                 images[observation.image_idx],
+                                 blocks->points[f][i].data());
+    }
+  }
+}
+
 void RunSchedule(const MultiFrameOptions& options,
                  const StageCallback& callback,
                  Blocks* blocks) {
@@ -133,6 +156,7 @@ void RunSchedule(const MultiFrameOptions& options,
       if (problem.HasParameterBlock(xyz.data())) points.push_back(xyz.data());
     }
     schedule.EndFrame(images, points);
+    AddFeaturemetric(images, f, blocks, &schedule);
   }
   ceres::Solver::Options solver_options;
   solver_options.gradient_tolerance = 0.0;
@@ -292,6 +316,83 @@ TEST(ProgressiveSchedule, CostsAreThoseOfTheObjective) {
   };
   RunSchedule(options, check, &blocks);
   EXPECT_EQ(num_stages, 4u);
+}
+
+// Mean error (px) of the global focal lengths and principal points.
+double IntrinsicsError(const Blocks& blocks, const Scene& truth) {
+  double sum = 0.0;
+  for (size_t i = 0; i < truth.cameras.size(); ++i) {
+    for (size_t j = 0; j < 4; ++j) {
+      sum += std::abs(blocks.cameras[i].params[j] - truth.cameras[i].params[j]);
+    }
+  }
+  return sum / static_cast<double>(4 * truth.cameras.size());
+}
+
+TEST(ProgressiveSchedule, FeaturemetricTermFollowsTheFeatures) {
+  const Scene truth = MakeTestScene(BlockOptions("PINHOLE")).truth;
+  double errors[2];
+  for (const bool with_features : {false, true}) {
+    Blocks blocks = MakeBlocks("PINHOLE");
+    if (with_features) {
+      for (size_t f = 0; f < truth.frames.size(); ++f) {
+        AddBowlCostMaps(0.3, 0.5, truth.frames[f], &blocks.scene.frames[f]);
+      }
+    }
+    MultiFrameOptions options = PaperOptions();
+    options.featuremetric_weight = 10.0;
+    RunSchedule(
+        options,
+        [&](const Stage& stage) {
+          EXPECT_EQ(Find(stage.weights, "featuremetric") == 10.0,
+                    with_features);
+        },
+        &blocks);
+    errors[with_features] = IntrinsicsError(blocks, truth);
+  }
+  EXPECT_LT(errors[1], 0.3 * errors[0]);
+}
+
+TEST(ProgressiveSchedule, CostOfTheFeaturemetricTerm) {
+  const Scene truth = MakeTestScene(BlockOptions("PINHOLE")).truth;
+  Blocks blocks = MakeBlocks("PINHOLE");
+  // In frame 1, and for half of the observations.
+  AddBowlCostMaps(0.3, 0.05, truth.frames[1], &blocks.scene.frames[1]);
+  Frame& frame = blocks.scene.frames[1];
+  for (size_t k = 0; k < frame.observations.size(); k += 2) {
+    frame.observations[k].cost_map_idx = -1;
+  }
+  MultiFrameOptions options = PaperOptions();
+  options.progressive = false;
+  options.featuremetric_weight = 0.2;
+  options.loss_scale = 0.7;
+  const auto check = [&](const Stage& stage) {
+    double cost = 0.0;
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        if (observation.cost_map_idx < 0) continue;
+        if (observation.image_idx >= blocks.frames[1].size()) continue;
+        const Blocks::Image& image = blocks.frames[1][observation.image_idx];
+        const Eigen::Quaterniond q(
+            image.qvec(0), image.qvec(1), image.qvec(2), image.qvec(3));
+        const Eigen::Vector3d p = q * blocks.points[1][i] + image.tvec;
+        const Eigen::Vector2d xy(
+            image.params[0] * p.x() / p.z() + image.params[2],
+            image.params[1] * p.y() / p.z() + image.params[3]);
+        const Eigen::Vector2d d = xy - truth.frames[1].observations[k].xy;
+        ASSERT_LT(d.norm(), 6.0);
+        const double squared = 0.09 + 0.0025 * d.squaredNorm();
+        const double squared_gradient =
+            0.0025 * 0.0025 * d.squaredNorm() / squared;
+        cost += 0.5 * 0.49 * std::log1p((squared + squared_gradient) / 0.49);
+      }
+    }
+    cost *= 0.2 / (2.0 * static_cast<double>(CountObservations(&blocks, 1)));
+    EXPECT_NEAR(Find(stage.costs, "featuremetric"), cost, 1e-3 * cost);
+  };
+  RunSchedule(options, check, &blocks);
 }
 
 TEST(ProgressiveSchedule, NonProgressiveIsOneSolveAtTheInitialWeights) {

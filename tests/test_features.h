@@ -4,12 +4,15 @@
 
 #include <cmath>
 #include <cstdint>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include "src/cost_map_kernels.h"
 #include "src/random.h"
+#include "src/scene.h"
 
 namespace mfir {
 
@@ -72,6 +75,40 @@ inline std::vector<double> PlainCostMap(const PatchShape& shape,
     }
   }
   return cost_map;
+}
+
+// Cost maps as of features that localize all points of a frame exactly:
+// distance sqrt(floor^2 + |slope (xy - true_xy)|^2) and its derivatives, one
+// for each observation, whose true position is that of `truth`.
+inline void AddBowlCostMaps(double floor,
+                            double slope,
+                            const Frame& truth,
+                            Frame* frame) {
+  constexpr int kSize = 16;
+  auto maps = std::make_shared<CostMaps>();
+  maps->patch_size = kSize;
+  for (size_t k = 0; k < frame->observations.size(); ++k) {
+    const Eigen::Vector2d& true_xy = truth.observations[k].xy;
+    const Eigen::Vector2d origin =
+        frame->observations[k].xy.array().round() - 7.5;
+    frame->observations[k].cost_map_idx =
+        static_cast<int64_t>(maps->placements.size());
+    maps->placements.push_back({origin, 1.0});
+    for (int row = 0; row < kSize; ++row) {
+      for (int column = 0; column < kSize; ++column) {
+        const Eigen::Vector2d d =
+            origin + Eigen::Vector2d(column, row) - true_xy;
+        const double distance =
+            std::sqrt(floor * floor + slope * slope * d.squaredNorm());
+        const double factor = slope * slope / distance;
+        for (const uint16_t half :
+             ToHalf({distance, factor * d.x(), factor * d.y()})) {
+          maps->data.push_back(half);
+        }
+      }
+    }
+  }
+  frame->cost_maps = std::move(maps);
 }
 
 }  // namespace mfir
