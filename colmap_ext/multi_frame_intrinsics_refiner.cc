@@ -13,9 +13,11 @@
 #include "colmap_ext/frames.h"
 #include "colmap_ext/input_file.h"
 #include "colmap_ext/multi_frame_bundle_adjuster.h"
-#include "colmap_ext/option_parser.h"
+#include "colmap_ext/refiner_options.h"
+#include "colmap_ext/refiner_progress.h"
 #include "colmap_ext/result_writer.h"
 #include "colmap_ext/rig_io.h"
+#include "colmap_ext/scene_features.h"
 #include "src/alignment.h"
 #include "src/errors.h"
 #include "src/evaluation.h"
@@ -25,242 +27,6 @@
 
 namespace mfir {
 namespace {
-
-struct RefinerOptions {
-  std::string input_path;
-  std::string extrinsics_path;
-  std::string output_path;
-  std::string image_path;
-  std::string frame_list_path;
-  std::string extrinsics_format = "auto";
-  double extrinsics_pixel_offset = std::numeric_limits<double>::quiet_NaN();
-  std::string ground_truth_path;
-  std::string ground_truth_format = "auto";
-  std::string constant_camera_list_path;
-  MultiFrameOptions multi_frame;
-};
-
-void AddPaths(RefinerOptions* options, OptionParser* parser) {
-  parser->AddRequired("input_path",
-                      &options->input_path,
-                      "Folder with one sub-folder per frame");
-  parser->AddRequired("extrinsics_path",
-                      &options->extrinsics_path,
-                      "Known extrinsics: COLMAP model, KRT file or intri.yml + "
-                      "extri.yml");
-  parser->AddRequired(
-      "output_path", &options->output_path, "Folder for the result");
-  parser->Add("image_path",
-              &options->image_path,
-              "Images, as IMAGES/FRAME/NAME or IMAGES/NAME");
-  parser->Add("frame_list_path",
-              &options->frame_list_path,
-              "File with the frames to use, one name per line");
-  parser->Add("constant_camera_list_path",
-              &options->constant_camera_list_path,
-              "File with cameras whose intrinsics stay at their start, one "
-              "name per line");
-  parser->Add("extrinsics_format",
-              &options->extrinsics_format,
-              "auto, colmap, krt or opencv");
-  parser->Add("extrinsics_pixel_offset",
-              &options->extrinsics_pixel_offset,
-              "Added to principal points of the extrinsics file; nan: 0.5 for "
-              "opencv, else 0");
-  parser->Add("ground_truth_path",
-              &options->ground_truth_path,
-              "Cameras with true intrinsics, for the evaluation only");
-  parser->Add("ground_truth_format",
-              &options->ground_truth_format,
-              "auto, colmap, krt or opencv");
-}
-
-void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
-  const auto add = [&](const char* name, auto* value, const char* help) {
-    parser->Add(std::string("MultiFrame.") + name, value, help);
-  };
-  add("preset", &options->preset, "accurate or paper: defaults of the others");
-  add("reprojection_weight", &options->reprojection_weight, "lambda0");
-  add("rotation_prior_weight",
-      &options->rotation_prior_weight,
-      "lambda1, initial");
-  add("translation_prior_weight",
-      &options->translation_prior_weight,
-      "lambda2, initial");
-  add("featuremetric_weight",
-      &options->featuremetric_weight,
-      "lambda3; 0: no dense features");
-  add("focal_variance_weight",
-      &options->focal_variance_weight,
-      "lambda4, initial; 0 for this and the next: frames stay independent");
-  add("principal_point_variance_weight",
-      &options->principal_point_variance_weight,
-      "lambda5, initial");
-  add("extra_params_variance_weight",
-      &options->extra_params_variance_weight,
-      "The same for distortion, initial");
-  add("weight_growth",
-      &options->weight_growth,
-      "Factor on prior and variance weights after each solve");
-  add("max_prior_weight",
-      &options->max_prior_weight,
-      "Last prior weight of the schedule; below the initial ones: no schedule");
-  add("progressive",
-      &options->progressive,
-      "0: a single solve at the initial weights");
-  add("loss_scale",
-      &options->loss_scale,
-      "Cauchy scale (px); 0: loss estimated from the residuals");
-  add("max_num_iterations",
-      &options->max_num_iterations,
-      "Iterations of one solve");
-  add("refine_focal_length", &options->refine_focal_length, "");
-  add("refine_principal_point", &options->refine_principal_point, "");
-  add("refine_extra_params", &options->refine_extra_params, "");
-  add("use_prior_intrinsics",
-      &options->use_prior_intrinsics,
-      "Start from the intrinsics of the extrinsics file");
-  add("held_out_share",
-      &options->held_out_share,
-      "Share of the tracks that take no part, to check the result");
-  add("extrinsics_rotation_std_deg",
-      &options->extrinsics_rotation_std_deg,
-      "Standard deviation of the known rotations per axis (degrees); 0: exact");
-  add("extrinsics_translation_std",
-      &options->extrinsics_translation_std,
-      "Standard deviation of the known camera centres per axis (units of the "
-      "extrinsics); 0: exact");
-  add("prior_focal_std",
-      &options->prior_focal_std,
-      "Standard deviation of the focal lengths of the extrinsics file (px), "
-      "with use_prior_intrinsics; 0: only a start");
-  add("prior_principal_point_std",
-      &options->prior_principal_point_std,
-      "The same for principal points (px)");
-  add("min_information",
-      &options->min_information,
-      "Combinations of intrinsics about which the data say less (1/px^2) stay "
-      "at their start");
-  add("camera_model",
-      &options->camera_model,
-      "COLMAP camera model to convert all cameras to");
-  add("camera_name_regex",
-      &options->camera_name_regex,
-      "One capture group: the camera name within an image name");
-  AddDenseFeatureOptions(options, parser);
-  add("use_gpu", &options->use_gpu, "-1: if there is one, 0, 1");
-  add("gpu_index", &options->gpu_index, "-1: any");
-  add("num_threads", &options->num_threads, "-1: all");
-  add("quiet", &options->quiet, "No progress output");
-}
-
-void CheckOptions(const RefinerOptions& options) {
-  options.multi_frame.Check();
-  for (const std::string* format :
-       {&options.extrinsics_format, &options.ground_truth_format}) {
-    if (*format != "auto" && *format != "colmap" && *format != "krt" &&
-        *format != "opencv") {
-      throw UsageError("The format '" + *format +
-                       "' must be auto, colmap, krt or opencv.");
-    }
-  }
-  CheckPixelOffset("--extrinsics_pixel_offset",
-                   options.extrinsics_pixel_offset);
-  const std::string& features = options.multi_frame.dense_features;
-  if (!features.empty() && features != "none") {
-    throw UsageError(
-        "--MultiFrame.dense_features " + features +
-        ": this version has no dense features. Use 'none' or leave it out.");
-  }
-  if (options.multi_frame.use_gpu == 1 || options.multi_frame.gpu_index >= 0) {
-    throw UsageError(
-        "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index need dense "
-        "features, "
-        "which this version has not. Leave them at -1.");
-  }
-  if (!options.image_path.empty() &&
-      !std::filesystem::is_directory(options.image_path)) {
-    throw InputError("--image_path " + options.image_path +
-                     " is not a folder. Correct it or leave it out: images are "
-                     "for dense features only.");
-  }
-}
-
-// Measures and logs the stages of the pipeline.
-class Progress {
- public:
-  explicit Progress(const RefinerOptions& options) : options_(options) {}
-
-  void Heading(const std::string& name) {
-    EndTiming();
-    name_ = name;
-    start_ = std::chrono::steady_clock::now();
-    if (!options_.multi_frame.quiet) colmap::PrintHeading1(name);
-  }
-
-  void Log(const std::string& line) const {
-    if (!options_.multi_frame.quiet) std::cout << line << std::endl;
-  }
-
-  StageCallback RecordStages(std::vector<Stage>* stages) const {
-    return [this, stages](const Stage& stage) {
-      stages->push_back(stage);
-      stages->back().index = static_cast<int>(stages->size()) - 1;
-      double cost = 0.0;
-      for (const auto& name_and_cost : stage.costs) {
-        cost += name_and_cost.second;
-      }
-      std::string prior;
-      for (const auto& name_and_weight : stage.weights) {
-        if (name_and_weight.first == "rotation_prior") {
-          prior = colmap::StringPrintf(", prior weight %g of %g",
-                                       name_and_weight.second,
-                                       options_.multi_frame.max_prior_weight);
-        }
-      }
-      const int num_schedule = options_.multi_frame.NumScheduleSolves();
-      const std::string number =
-          stage.name == "schedule"
-              ? colmap::StringPrintf("%zu / %d", stages->size(), num_schedule)
-              : std::to_string(stages->size());
-      Log(colmap::StringPrintf(
-          "Solve %s (%s%s): cost %.6g, rms %.3f px, %d iterations, %.1f s, %s",
-          number.c_str(),
-          stage.name.c_str(),
-          prior.c_str(),
-          cost,
-          stage.rms_px,
-          stage.num_iterations,
-          stage.time_s,
-          stage.termination.c_str()));
-    };
-  }
-
-  std::vector<std::pair<std::string, double>> Timings() {
-    EndTiming();
-    double total = 0.0;
-    for (const auto& timing : timings_) total += timing.second;
-    std::vector<std::pair<std::string, double>> timings = timings_;
-    timings.emplace_back("total", total);
-    return timings;
-  }
-
- private:
-  void EndTiming() {
-    if (!name_.empty()) {
-      timings_.emplace_back(name_,
-                            std::chrono::duration<double>(
-                                std::chrono::steady_clock::now() - start_)
-                                .count());
-    }
-    name_.clear();
-  }
-
-  const RefinerOptions& options_;
-  std::string name_;
-  std::chrono::steady_clock::time_point start_;
-  std::vector<std::pair<std::string, double>> timings_;
-};
 
 void LogCapture(const Rig& rig,
                 const Capture& capture,
@@ -459,7 +225,18 @@ void RunSchedule(const MultiFrameOptions& options,
   }
   MultiFrameBundleAdjuster(schedule_options).Run(callback, capture, scene);
   const std::vector<RigCamera> cameras = std::move(scene->cameras);
+  const std::vector<Frame> frames = std::move(scene->frames);
   *scene = BuildScene(normalized_from_rig, *capture);
+  for (size_t i = 0; i < frames.size(); ++i) {
+    // The same tracks in the same order.
+    Frame& frame = scene->frames[i];
+    frame.cost_maps = frames[i].cost_maps;
+    frame.feature_keypoints = frames[i].feature_keypoints;
+    for (size_t k = 0; k < frame.observations.size(); ++k) {
+      frame.observations[k].cost_map_idx =
+          frames[i].observations[k].cost_map_idx;
+    }
+  }
   if (options.SingleFrameMode()) {
     InitializeIntrinsics(options, scene);
   } else {
@@ -491,7 +268,7 @@ RefinementResult RefineScene(const MultiFrameOptions& options,
 
 void Refine(const RefinerOptions& options, const OptionParser& parser) {
   const MultiFrameOptions& multi_frame = options.multi_frame;
-  Progress progress(options);
+  Progress progress(options.multi_frame);
   OutputFolder output(options.output_path,
                       ResultNames(),
                       options.input_path,
@@ -511,8 +288,11 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
       options.input_path, options.frame_list_path, rig, multi_frame);
   output.CheckKeeps(ModelPaths(capture));
   LogCapture(rig, capture, progress);
-  if (multi_frame.featuremetric_weight > 0.0) {
-    progress.Log("No dense features: featuremetric_weight weighs nothing");
+  if (multi_frame.featuremetric_weight > 0.0 &&
+      multi_frame.dense_features == "none") {
+    progress.Log(
+        "No images (--image_path), no dense features: featuremetric_weight "
+        "weighs nothing");
   }
 
   progress.Heading("Aligning frames");
@@ -524,7 +304,6 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   AlignFrames(normalized_from_rig, &capture);
   LogAlignment(capture, progress);
 
-  progress.Heading("Refining intrinsics");
   Scene scene = BuildScene(normalized_from_rig, capture);
   HoldConstantCameras(options.constant_camera_list_path, &scene);
   InitializeIntrinsics(multi_frame, &scene);
@@ -532,6 +311,16 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   HeldOutTracks held_out(multi_frame.held_out_share, &scene);
   // A ground truth that does not fit fails here, not after the work.
   Evaluate(true_cameras, scene, true);
+  if (multi_frame.dense_features != "none") {
+    progress.Heading("Computing dense features");
+    AddDenseFeatures(
+        multi_frame,
+        options.image_path,
+        [&](const std::string& line) { progress.Log(line); },
+        &scene);
+  }
+
+  progress.Heading("Refining intrinsics");
   RefinerResult result;
   for (const RigCamera& camera : scene.cameras) {
     result.initial_params.push_back(camera.params);
@@ -605,19 +394,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv) {
   return RunCommand([argc, argv]() {
     RefinerOptions options;
-    options.multi_frame.ApplyPreset(options.multi_frame.preset);
     OptionParser parser;
-    AddPaths(&options, &parser);
-    AddMultiFrameOptions(&options.multi_frame, &parser);
-    parser.Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
-      options.multi_frame.ApplyPreset(name);
-    });
-    // Only its default gives way to a schedule.
-    if (options.multi_frame.NumScheduleSolves() > 0 &&
-        !parser.IsSet("MultiFrame.held_out_share")) {
-      options.multi_frame.held_out_share = 0.0;
-    }
-    CheckOptions(options);
+    ParseRefinerOptions(argc, argv, &options, &parser);
     Refine(options, parser);
   });
 }

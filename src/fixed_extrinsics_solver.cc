@@ -68,13 +68,18 @@ Eigen::Vector3d LogRotation(const Eigen::Matrix3d& rotation) {
   return angle_axis.angle() * angle_axis.axis();
 }
 
-const FeatureKeypoint* FindFeature(const Frame& frame,
-                                   const Observation& observation) {
-  if (frame.feature_keypoints.empty() || observation.cost_map_idx < 0) {
-    return nullptr;
+Track::Observation MakeTrackObservation(const Frame& frame,
+                                        const Observation& observation) {
+  Track::Observation result = {frame.images[observation.image_idx].camera_idx,
+                               observation.xy};
+  if (observation.cost_map_idx >= 0) {
+    result.cost_maps = frame.cost_maps.get();
+    result.cost_map_idx = static_cast<size_t>(observation.cost_map_idx);
+    if (!frame.feature_keypoints.empty()) {
+      result.feature = &frame.feature_keypoints[result.cost_map_idx];
+    }
   }
-  return &frame
-              .feature_keypoints[static_cast<size_t>(observation.cost_map_idx)];
+  return result;
 }
 
 class Solver {
@@ -155,7 +160,9 @@ Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
   CollectTracks();
   CollectParams();
   track_solver_.emplace(
-      options_.loss, options_.feature_loss, scene_, free_params_);
+      TrackLosses{options_.loss, options_.feature_loss, options_.cost_map_loss},
+      scene_,
+      free_params_);
 
   // A fixed partition (independent of the number of threads) whose partial sums
   // are added in order makes the result reproducible.
@@ -190,10 +197,7 @@ void Solver::CollectTracks() {
            ++m) {
         const Observation& observation = frame.observations[m];
         if (std::isfinite(squared_residuals[k++])) {
-          observations_.push_back(
-              {frame.images[observation.image_idx].camera_idx,
-               observation.xy,
-               FindFeature(frame, observation)});
+          observations_.push_back(MakeTrackObservation(frame, observation));
         }
       }
       if (observations_.size() - begin < 2) {

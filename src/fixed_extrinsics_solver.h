@@ -26,6 +26,8 @@ struct FixedExtrinsicsOptions {
   // The same for dense features: of |W r_f|, see TrackSolver. Null: they take
   // no part.
   const ceres::LossFunction* feature_loss = nullptr;
+  // Of |G|, the featuremetric residual; null: cost maps take no part.
+  const ceres::LossFunction* cost_map_loss = nullptr;
   // Whether points with outliers among their observations also try the minima
   // around the intersections of their rays, so that the result depends neither
   // on where they start nor on the path.

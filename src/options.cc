@@ -17,6 +17,7 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
   if (name == "paper") {
     max_prior_weight = paper.max_prior_weight;
     loss_scale = paper.loss_scale;
+    featuremetric_weight = paper.featuremetric_weight;
     held_out_share = 0.0;
     min_information = 0.0;
   } else {
@@ -24,6 +25,8 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
     // changes nothing but the time.
     max_prior_weight = 0.0;
     loss_scale = 0.0;
+    // A factor on what follows from the noise of features and keypoints.
+    featuremetric_weight = 1.0;
     held_out_share = 0.05;
     min_information = paper.min_information;
   }

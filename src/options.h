@@ -18,7 +18,9 @@ struct MultiFrameOptions {
   // lambda_1, lambda_2: initial weights of the extrinsics prior (eq. 3).
   double rotation_prior_weight = 0.01;
   double translation_prior_weight = 0.01;
-  // lambda_3: weight of the dense features (eq. 5). Inert without features.
+  // lambda_3: weight of the dense features (eq. 5). With loss_scale 0 a factor
+  // on the weight that follows from the noise of features and keypoints. Inert
+  // without features.
   double featuremetric_weight = 0.01;
   // lambda_4, lambda_5: initial weights that tie a frame's intrinsics to the
   // global ones (eq. 9). Both zero: frames stay independent, which is the

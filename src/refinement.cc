@@ -38,10 +38,11 @@ double Median(std::vector<double> values) {
   return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
-// Losses of keypoints and, unless null, of features.
+// Losses of keypoints and, unless null, of features and cost maps.
 struct Losses {
   const ceres::LossFunction* keypoints = nullptr;
   const ceres::LossFunction* features = nullptr;
+  const ceres::LossFunction* cost_maps = nullptr;
   // Whether the cost is a negative log-likelihood.
   bool is_likelihood = false;
 };
@@ -58,7 +59,7 @@ class CauchyLosses {
           ceres::TAKE_OWNERSHIP);
     }
   }
-  Losses Get() const { return {&keypoints_, features_.get(), false}; }
+  Losses Get() const { return {&keypoints_, features_.get(), nullptr, false}; }
 
  private:
   const ceres::CauchyLoss keypoints_;
@@ -90,8 +91,17 @@ class Refiner {
                                          options_.featuremetric_weight,
                                          ceres::DO_NOT_TAKE_OWNERSHIP);
     Losses losses = cauchy.Get();
-    if (EstimatesLoss()) {
-      losses = {&noise, feature_std_px_ > 0.0 ? &feature_loss : nullptr, true};
+    // With a given loss the term is the paper's (eq. 5).
+    const ceres::ScaledLoss cost_map_loss(
+        losses.keypoints,
+        options_.featuremetric_weight / options_.reprojection_weight,
+        ceres::DO_NOT_TAKE_OWNERSHIP);
+    if (!EstimatesLoss()) {
+      if (HasCostMaps()) losses.cost_maps = &cost_map_loss;
+    } else {
+      losses.keypoints = &noise;
+      losses.features = feature_std_px_ > 0.0 ? &feature_loss : nullptr;
+      losses.is_likelihood = true;
     }
     const FixedExtrinsicsSummary summary =
         Solve("final", losses, options_.max_num_iterations, 1e-10);
@@ -124,6 +134,14 @@ class Refiner {
                        });
   }
 
+  bool HasCostMaps() const {
+    return options_.featuremetric_weight > 0.0 &&
+           std::any_of(
+               scene_->frames.begin(),
+               scene_->frames.end(),
+               [](const Frame& frame) { return frame.cost_maps != nullptr; });
+  }
+
   CauchyLosses MakeCauchyLosses() const {
     if (!EstimatesLoss()) return CauchyLosses(options_.loss_scale, 0.0, 0.0);
     const double relative_std =
@@ -151,6 +169,7 @@ class Refiner {
         options_.refine_extra_params && !only_principal_points;
     solver_options.loss = losses.keypoints;
     solver_options.feature_loss = losses.features;
+    solver_options.cost_map_loss = losses.cost_maps;
     // The minima of a fixed, sharp loss are those the schedule leads to.
     solver_options.improve_points = EstimatesLoss();
     solver_options.max_num_iterations = max_num_iterations;
@@ -195,7 +214,7 @@ class Refiner {
     stage.weights = {{"reprojection", options_.reprojection_weight}};
     stage.costs = {
         {"reprojection", summary.final_cost - summary.final_feature_cost}};
-    if (losses.features != nullptr) {
+    if (losses.features != nullptr || losses.cost_maps != nullptr) {
       stage.weights.emplace_back("featuremetric",
                                  options_.featuremetric_weight);
       stage.costs.emplace_back("featuremetric", summary.final_feature_cost);

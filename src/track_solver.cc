@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "featuremetric_residual.h"
+
 namespace mfir {
 namespace {
 
@@ -29,14 +31,10 @@ Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
   return hessian + second * residual * residual.transpose();
 }
 
-TrackSolver::TrackSolver(const ceres::LossFunction* loss,
-                         const ceres::LossFunction* feature_loss,
+TrackSolver::TrackSolver(const TrackLosses& losses,
                          const Scene* scene,
                          std::vector<FreeParams> free_params)
-    : loss_(loss),
-      feature_loss_(feature_loss),
-      scene_(scene),
-      free_params_(std::move(free_params)) {}
+    : losses_(losses), scene_(scene), free_params_(std::move(free_params)) {}
 
 double TrackSolver::Cost(const Track& track,
                          const std::vector<CameraState>& states,
@@ -51,7 +49,7 @@ double TrackSolver::Cost(const Track& track,
       return std::numeric_limits<double>::infinity();
     }
     double rho[3];
-    loss_->Evaluate((xy - observation.xy).squaredNorm(), rho);
+    losses_.keypoints->Evaluate((xy - observation.xy).squaredNorm(), rho);
     cost += 0.5 * rho[0];
     cost += FeatureCost(observation, xy);
   }
@@ -60,19 +58,33 @@ double TrackSolver::Cost(const Track& track,
 
 double TrackSolver::FeatureCost(const Track::Observation& observation,
                                 const Eigen::Vector2d& xy) const {
-  if (!HasFeature(observation)) return 0.0;
-  const FeatureKeypoint& feature = *observation.feature;
+  double cost = 0.0;
   double rho[3];
-  feature_loss_->Evaluate((feature.whitening * (xy - feature.xy)).squaredNorm(),
-                          rho);
-  return 0.5 * rho[0];
+  if (HasFeature(observation)) {
+    const FeatureKeypoint& feature = *observation.feature;
+    losses_.features->Evaluate(
+        (feature.whitening * (xy - feature.xy)).squaredNorm(), rho);
+    cost += 0.5 * rho[0];
+  }
+  if (HasCostMap(observation)) {
+    Eigen::Vector3d residual;
+    EvaluateFeaturemetric(*observation.cost_maps,
+                          observation.cost_map_idx,
+                          xy,
+                          &residual,
+                          nullptr);
+    losses_.cost_maps->Evaluate(residual.squaredNorm(), rho);
+    cost += 0.5 * rho[0];
+  }
+  return cost;
 }
 
 double TrackSolver::FeatureCost(const Track& track,
                                 const std::vector<CameraState>& states,
                                 const Eigen::Vector3d& xyz) const {
   double cost = 0.0;
-  for (size_t i = 0; i < track.length && feature_loss_ != nullptr; ++i) {
+  if (losses_.features == nullptr && losses_.cost_maps == nullptr) return 0.0;
+  for (size_t i = 0; i < track.length; ++i) {
     const Track::Observation& observation = track.observations[i];
     const size_t camera_idx = observation.camera_idx;
     Eigen::Vector2d xy;
@@ -104,6 +116,39 @@ bool TrackSolver::Linearize(const Track& track,
   return true;
 }
 
+void TrackSolver::AddFeatureTerms(const Track& track,
+                                  size_t observation_idx,
+                                  const Eigen::Vector2d& xy,
+                                  Curvature curvature,
+                                  TrackSystem* system) const {
+  const Track::Observation& observation = track.observations[observation_idx];
+  TrackSystem::Observation& sum = system->observations[observation_idx];
+  double rho[3];
+  if (HasFeature(observation)) {
+    const Eigen::Matrix2d& whitening = observation.feature->whitening;
+    const Eigen::Vector2d whitened = whitening * (xy - observation.feature->xy);
+    losses_.features->Evaluate(whitened.squaredNorm(), rho);
+    sum.weight += track.weight * whitening.transpose() *
+                  RobustHessian(whitened, rho, curvature) * whitening;
+    sum.weighted_residual +=
+        track.weight * rho[1] * whitening.transpose() * whitened;
+  }
+  if (HasCostMap(observation)) {
+    Eigen::Vector3d residual;
+    Matrix3x2 jacobian;
+    EvaluateFeaturemetric(*observation.cost_maps,
+                          observation.cost_map_idx,
+                          xy,
+                          &residual,
+                          &jacobian);
+    losses_.cost_maps->Evaluate(residual.squaredNorm(), rho);
+    // Gauss-Newton: the second derivatives of the cost map are noise.
+    sum.weight += track.weight * rho[1] * jacobian.transpose() * jacobian;
+    sum.weighted_residual +=
+        track.weight * rho[1] * jacobian.transpose() * residual;
+  }
+}
+
 void TrackSolver::BuildSystem(const Track& track,
                               const std::vector<Linearization>& linearizations,
                               Curvature curvature,
@@ -119,23 +164,16 @@ void TrackSolver::BuildSystem(const Track& track,
     for (size_t i = 0; i < linearizations.size(); ++i) {
       const Eigen::Vector2d& residual = linearizations[i].residual;
       double rho[3];
-      loss_->Evaluate(residual.squaredNorm(), rho);
+      losses_.keypoints->Evaluate(residual.squaredNorm(), rho);
       TrackSystem::Observation& observation = system->observations[i];
       observation.weight =
           track.weight * RobustHessian(residual, rho, tried_curvature);
       observation.weighted_residual = track.weight * rho[1] * residual;
-      if (HasFeature(track.observations[i])) {
-        const Track::Observation& keypoint = track.observations[i];
-        const Eigen::Matrix2d& whitening = keypoint.feature->whitening;
-        const Eigen::Vector2d whitened =
-            whitening * (residual + keypoint.xy - keypoint.feature->xy);
-        feature_loss_->Evaluate(whitened.squaredNorm(), rho);
-        observation.weight += track.weight * whitening.transpose() *
-                              RobustHessian(whitened, rho, tried_curvature) *
-                              whitening;
-        observation.weighted_residual +=
-            track.weight * rho[1] * whitening.transpose() * whitened;
-      }
+      AddFeatureTerms(track,
+                      i,
+                      residual + track.observations[i].xy,
+                      tried_curvature,
+                      system);
       const Matrix2x3& jacobian = linearizations[i].jacobian_point;
       hessian += jacobian.transpose() * observation.weight * jacobian;
       system->gradient += jacobian.transpose() * observation.weighted_residual;
@@ -185,7 +223,7 @@ bool TrackSolver::HasOutlier(const Track& track,
                              const std::vector<CameraState>& states,
                              const Eigen::Vector3d& xyz) const {
   double rho_at_zero[3];
-  loss_->Evaluate(0.0, rho_at_zero);
+  losses_.keypoints->Evaluate(0.0, rho_at_zero);
   for (size_t i = 0; i < track.length; ++i) {
     const Track::Observation& observation = track.observations[i];
     const size_t camera_idx = observation.camera_idx;
@@ -195,7 +233,7 @@ bool TrackSolver::HasOutlier(const Track& track,
       return true;
     }
     double rho[3];
-    loss_->Evaluate((xy - observation.xy).squaredNorm(), rho);
+    losses_.keypoints->Evaluate((xy - observation.xy).squaredNorm(), rho);
     if (rho[1] < 0.5 * rho_at_zero[1]) return true;
   }
   return false;

@@ -23,6 +23,8 @@ struct Track {
     Eigen::Vector2d xy;
     // Null: none.
     const FeatureKeypoint* feature = nullptr;
+    const CostMaps* cost_maps = nullptr;
+    size_t cost_map_idx = 0;
   };
   Eigen::Vector3d* xyz = nullptr;
   double weight = 1.0;
@@ -54,15 +56,21 @@ struct TrackSystem {
   std::vector<Observation> observations;
 };
 
-// Cost of a track: weight * sum_i 1/2 rho(|r_i|^2) + 1/2 rho_f(|W_i r_f,i|^2),
-// with r_i the distance from keypoint to projection, and r_f,i and W_i the same
-// distance from the feature's keypoint and its whitening.
+// Losses of the terms of a track; null: the term is left out.
+struct TrackLosses {
+  const ceres::LossFunction* keypoints = nullptr;
+  const ceres::LossFunction* features = nullptr;
+  const ceres::LossFunction* cost_maps = nullptr;
+};
+
+// Cost of a track: weight * sum_i 1/2 rho(|r_i|^2) + 1/2 rho_f(|W_i r_f,i|^2) +
+// 1/2 rho_G(|G_i|^2), with r_i the distance from keypoint to projection, r_f,i
+// and W_i the same distance from the feature's keypoint and its whitening, and
+// G_i the cost map at the projection (featuremetric_residual.h).
 class TrackSolver {
  public:
   // The losses and `scene` (its camera models) must outlive this.
-  // `feature_loss` may be null: features take no part.
-  TrackSolver(const ceres::LossFunction* loss,
-              const ceres::LossFunction* feature_loss,
+  TrackSolver(const TrackLosses& losses,
               const Scene* scene,
               std::vector<FreeParams> free_params);
 
@@ -71,7 +79,7 @@ class TrackSolver {
               const std::vector<CameraState>& states,
               const Eigen::Vector3d& xyz) const;
 
-  // The part of the features.
+  // The part of features and cost maps.
   double FeatureCost(const Track& track,
                      const std::vector<CameraState>& states,
                      const Eigen::Vector3d& xyz) const;
@@ -103,8 +111,17 @@ class TrackSolver {
 
  private:
   bool HasFeature(const Track::Observation& observation) const {
-    return feature_loss_ != nullptr && observation.feature != nullptr;
+    return losses_.features != nullptr && observation.feature != nullptr;
   }
+  bool HasCostMap(const Track::Observation& observation) const {
+    return losses_.cost_maps != nullptr && observation.cost_maps != nullptr;
+  }
+  // Adds what features and cost maps contribute.
+  void AddFeatureTerms(const Track& track,
+                       size_t observation_idx,
+                       const Eigen::Vector2d& xy,
+                       Curvature curvature,
+                       TrackSystem* system) const;
   double FeatureCost(const Track::Observation& observation,
                      const Eigen::Vector2d& xy) const;
   // Whether the loss gives an observation less than half of its weight, or
@@ -115,8 +132,7 @@ class TrackSolver {
   std::vector<Ray> Rays(const Track& track,
                         const std::vector<CameraState>& states) const;
 
-  const ceres::LossFunction* loss_;
-  const ceres::LossFunction* feature_loss_;
+  const TrackLosses losses_;
   const Scene* scene_;
   const std::vector<FreeParams> free_params_;
 };
