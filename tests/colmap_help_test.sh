@@ -3,7 +3,8 @@
 # of COLMAP 3.8's own beside them, each exactly once.
 set -euo pipefail
 
-ours="multi_frame_evaluator multi_frame_intrinsics_refiner multi_frame_simulator"
+ours="multi_frame_evaluator multi_frame_intrinsics_refiner multi_frame_simulator
+  multi_frame_triangulator"
 colmaps="help gui automatic_reconstructor bundle_adjuster color_extractor
   database_cleaner database_creator database_merger delaunay_mesher
   exhaustive_matcher feature_extractor feature_importer hierarchical_mapper
