@@ -373,6 +373,10 @@ Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
         {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
         {"last_focal_change", result.refinement.last_focal_change},
         {"noise_std_px", result.refinement.noise_std_px},
+        {"feature_noise_std_px",
+         result.refinement.feature_noise_std_px > 0.0
+             ? Json(result.refinement.feature_noise_std_px)
+             : Json(nullptr)},
         {"outlier_share", result.refinement.outlier_share},
         {"modes", MakeModes(result)}}},
       {"timings_s", timings},

@@ -155,6 +155,8 @@ class FrameCostMaps {
     DenseFeatureRequest request;
     request.frame_name = frame_->name;
     request.camera_name = scene_.cameras[image.camera_idx].name;
+    request.width = static_cast<int>(scene_.cameras[image.camera_idx].width);
+    request.height = static_cast<int>(scene_.cameras[image.camera_idx].height);
     request.image_name = image.name;
     for (const size_t k : observation_idxs_[image_idx]) {
       request.keypoints.push_back(frame_->observations[k].xy);

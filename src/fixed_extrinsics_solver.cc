@@ -92,6 +92,9 @@ class Solver {
   using States = std::vector<CameraState>;
   using Points = std::vector<Eigen::Vector3d>;
 
+  // Moves points that are behind cameras to where their rays meet, if that is
+  // in front of more of them.
+  void MovePointsToTheFront();
   void CollectTracks();
   void CollectParams();
   void AddCameraParams(size_t camera_idx);
@@ -157,6 +160,7 @@ class Solver {
 
 Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
     : options_(options), scene_(scene), states_(CameraStates(*scene)) {
+  if (options_.improve_points) MovePointsToTheFront();
   CollectTracks();
   CollectParams();
   track_solver_.emplace(
@@ -183,6 +187,45 @@ Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
         3);
   }
   if (options_.min_information > 0.0 && num_params_ > 0) FindHeldDirections();
+}
+
+void Solver::MovePointsToTheFront() {
+  for (Frame& frame : scene_->frames) {
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      const auto count_in_front = [&](const Eigen::Vector3d& xyz) {
+        size_t count = 0;
+        for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+             ++k) {
+          const CameraState& state =
+              states_[frame.images[frame.observations[k].image_idx].camera_idx];
+          count += state.rotation.row(2).dot(xyz) + state.translation.z() > 0.0;
+        }
+        return count;
+      };
+      const size_t length = frame.track_begins[i + 1] - frame.track_begins[i];
+      const size_t num_in_front = count_in_front(frame.points[i]);
+      if (num_in_front == length) continue;
+      std::vector<Ray> rays;
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        const size_t camera_idx =
+            frame.images[observation.image_idx].camera_idx;
+        Ray ray;
+        if (UnprojectRay(*scene_->cameras[camera_idx].model,
+                         states_[camera_idx],
+                         observation.xy,
+                         &ray)) {
+          rays.push_back(ray);
+        }
+      }
+      const std::vector<Eigen::Vector3d> intersections = RayIntersections(rays);
+      if (!intersections.empty() &&
+          count_in_front(intersections[0]) > num_in_front) {
+        frame.points[i] = intersections[0];
+      }
+    }
+  }
 }
 
 void Solver::CollectTracks() {

@@ -6,6 +6,8 @@
 
 #include <Eigen/Core>
 
+#include "linearization.h"
+
 namespace mfir {
 
 // {center + distance * direction}; `direction` has unit length.
@@ -13,6 +15,19 @@ struct Ray {
   Eigen::Vector3d center;
   Eigen::Vector3d direction;
 };
+
+// The ray of a pixel, in world coordinates. False without: distortion that has
+// no inverse there.
+inline bool UnprojectRay(const CameraModel& model,
+                         const CameraState& state,
+                         const Eigen::Vector2d& xy,
+                         Ray* ray) {
+  Eigen::Vector3d direction(0.0, 0.0, 1.0);
+  model.Unproject(state.params.data(), xy.x(), xy.y(), direction.data());
+  ray->center = -(state.rotation.transpose() * state.translation);
+  ray->direction = (state.rotation.transpose() * direction).normalized();
+  return ray->direction.allFinite();
+}
 
 // Points that most of the rays may pass through although others pass far from
 // it: the point closest to all rays, by iteratively reweighted least squares

@@ -244,16 +244,13 @@ std::vector<Ray> TrackSolver::Rays(
   std::vector<Ray> rays;
   for (size_t i = 0; i < track.length; ++i) {
     const Track::Observation& observation = track.observations[i];
-    const CameraState& state = states[observation.camera_idx];
-    Eigen::Vector3d direction(0.0, 0.0, 1.0);
-    scene_->cameras[observation.camera_idx].model->Unproject(
-        state.params.data(),
-        observation.xy.x(),
-        observation.xy.y(),
-        direction.data());
-    if (!direction.allFinite()) continue;
-    rays.push_back({-(state.rotation.transpose() * state.translation),
-                    (state.rotation.transpose() * direction).normalized()});
+    Ray ray;
+    if (UnprojectRay(*scene_->cameras[observation.camera_idx].model,
+                     states[observation.camera_idx],
+                     observation.xy,
+                     &ray)) {
+      rays.push_back(ray);
+    }
   }
   return rays;
 }

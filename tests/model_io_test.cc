@@ -211,7 +211,10 @@ INSTANTIATE_TEST_SUITE_P(
         {"images.txt", "0 0 0 0.5", "0 0 x 0.5", {"images.txt:2:", "QZ"}},
         {"images.txt", "1 1 0 0 0", "1 0 0 0 0", {"images.txt:2:", "zero"}},
         {"images.txt", "1 1 0 0 0", "1 nan 0 0 0", {"images.txt:2:", "QW"}},
-        {"images.txt", "1 1 0 0 0", "1 1e200 0 0 0", {"images.txt", "pose"}},
+        {"images.txt",
+         "1 1 0 0 0",
+         "1 1e200 0 0 0",
+         {"images.txt", "rotation"}},
         {"images.txt", "-1.5", "inf", {"images.txt:2:", "TY"}},
         {"images.txt", "cam1.png", "cam 1.png", {"images.txt:2:", "spaces"}},
         {"images.txt", "cam1.png", "", {"images.txt:2:", "NAME"}},
@@ -343,14 +346,15 @@ TEST_F(BinaryModelTest, BadValues) {
   ExpectErrorWith("cameras.bin", 32, 0.0, {"focal length"});
   // First image: id, quaternion, translation, camera id, name.
   for (int i = 0; i < 7; ++i) {
-    ExpectErrorWith("images.bin", 12 + 8 * i, nan, {"image", "not finite"});
+    ExpectErrorWith(
+        "images.bin", 12 + 8 * i, nan, {"image", i < 4 ? "not finite" : "nan"});
   }
   ExpectErrorWith("images.bin", 68, uint32_t(5), {"no camera 5"});
   ExpectErrorWith("images.bin", 72, '\0', {"images.bin"});
   ExpectErrorWith("images.bin", 72, '\n', {"image name"});
   // First point: id, position.
   ExpectErrorWith("points3D.bin", 8, ~uint64_t(0), {"invalid"});
-  ExpectErrorWith("points3D.bin", 16, nan, {"point", "not finite"});
+  ExpectErrorWith("points3D.bin", 16, nan, {"point", "nan"});
 }
 
 TEST_F(BinaryModelTest, DuplicateIds) {
