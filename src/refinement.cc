@@ -22,6 +22,11 @@ constexpr double kStartTolerance = 1e-9;
 constexpr double kCauchyScaleInStds = 2.385;
 constexpr double kScaleStep = 1.02;
 
+constexpr double kTolerance = 1e-10;
+// Distances of features have kinks where they vanish: steps among them are no
+// smaller than this.
+constexpr double kCostMapTolerance = 1e-6;
+
 constexpr double kMinStd = 1e-6;  // px
 
 // To a power of kScaleStep.
@@ -104,7 +109,10 @@ class Refiner {
       losses.is_likelihood = true;
     }
     const FixedExtrinsicsSummary summary =
-        Solve("final", losses, options_.max_num_iterations, 1e-10);
+        Solve("final",
+              losses,
+              options_.max_num_iterations,
+              losses.cost_maps == nullptr ? kTolerance : kCostMapTolerance);
     RefinementResult result;
     result.converged = summary.converged;
     result.last_focal_change = summary.last_focal_change;
