@@ -59,11 +59,22 @@ for count in 1 2 5 10; do
   refine "accurate_${count}_frames" "$set_path/frames_triangulated" \
     "$set_path/calibration" 1 "$count"
 done
+sift=(--image_path "$set_path/images")
+refine sift_1_frames "$set_path/frames_triangulated" \
+  "$set_path/calibration" 1 1 "${sift[@]}"
+refine sift_10_frames "$set_path/frames_triangulated" \
+  "$set_path/calibration" 1 10 "${sift[@]}"
 refine paper_10_frames "$set_path/frames_triangulated" \
   "$set_path/calibration" 1 10 --MultiFrame.preset paper
 refine frames_1-5 "$set_path/frames_triangulated" "$set_path/calibration" 1 5
 refine frames_6-10 "$set_path/frames_triangulated" "$set_path/calibration" 6 5
 evaluate "repeatability 1-5 against 6-10" "$work/frames_1-5" "$work/frames_6-10/rig"
+refine sift_frames_1-5 "$set_path/frames_triangulated" \
+  "$set_path/calibration" 1 5 "${sift[@]}"
+refine sift_frames_6-10 "$set_path/frames_triangulated" \
+  "$set_path/calibration" 6 5 "${sift[@]}"
+evaluate "sift repeatability 1-5 against 6-10" "$work/sift_frames_1-5" \
+  "$work/sift_frames_6-10/rig"
 
 set_path=$data/robovision12
 echo "robovision12 (12 cameras)"
@@ -83,3 +94,10 @@ refine soft_frames_5-8 "$set_path/frames_triangulated" \
   "$set_path/calibration" 5 4 "${soft[@]}"
 evaluate "soft repeatability 1-4 against 5-8" "$work/soft_frames_1-4" \
   "$work/soft_frames_5-8/rig"
+sift=(--image_path "$set_path/images")
+refine sift_frames_1-4 "$set_path/frames_triangulated" \
+  "$set_path/calibration" 1 4 "${soft[@]}" "${sift[@]}"
+refine sift_frames_5-8 "$set_path/frames_triangulated" \
+  "$set_path/calibration" 5 4 "${soft[@]}" "${sift[@]}"
+evaluate "soft sift repeatability 1-4 against 5-8" "$work/sift_frames_1-4" \
+  "$work/sift_frames_5-8/rig"
