@@ -6,6 +6,7 @@
 #include <unordered_set>
 #include <vector>
 
+#include "colmap_ext/camera_models.h"
 #include "colmap_ext/compat.h"
 #include "src/errors.h"
 #include "src/parse_number.h"
@@ -40,20 +41,9 @@ void CheckCamera(const std::string& path, const colmap::Camera& camera) {
                std::to_string(kMaxImageSize) + " pixels");
     }
   }
-  for (size_t i = 0; i < camera.Params().size(); ++i) {
-    if (!std::isfinite(camera.Params()[i])) {
-      Fail(
-          path, entry, "parameter " + std::to_string(i + 1) + " is not finite");
-    }
-  }
-  for (const size_t idx : camera.FocalLengthIdxs()) {
-    if (camera.Params()[idx] <= 0.0) {
-      Fail(path,
-           entry,
-           "focal length " + FormatNumber(camera.Params()[idx]) +
-               " is not positive");
-    }
-  }
+  const std::string problem =
+      IntrinsicsProblem(*FindCameraModel(camera.ModelId()), camera.Params());
+  if (!problem.empty()) Fail(path, entry, problem);
 }
 
 void CheckImage(const std::string& path, const colmap::Image& image) {
@@ -187,6 +177,28 @@ std::string CoordinateProblem(const Eigen::Vector3d& coordinates) {
     if (!(std::abs(value) <= kMaxCoordinate)) {
       return "has the coordinate " + FormatNumber(value) +
              ", which is not between -1e15 and 1e15";
+    }
+  }
+  return "";
+}
+
+std::string IntrinsicsProblem(const CameraModel& model,
+                              const std::vector<double>& params) {
+  for (size_t i = 0; i < params.size(); ++i) {
+    if (!std::isfinite(params[i])) {
+      return "parameter " + std::to_string(i + 1) + " is not finite";
+    }
+  }
+  for (const size_t idx : model.FocalLengthIdxs()) {
+    if (!(params[idx] > 0.0 && params[idx] <= kMaxCoordinatePx)) {
+      return "focal length " + FormatNumber(params[idx]) +
+             (params[idx] > 0.0 ? " is above 1e7 px" : " is not positive");
+    }
+  }
+  for (const size_t idx : model.PrincipalPointIdxs()) {
+    if (std::abs(params[idx]) > kMaxCoordinatePx) {
+      return "principal point coordinate " + FormatNumber(params[idx]) +
+             " is not between -1e7 and 1e7 px";
     }
   }
   return "";

@@ -5,8 +5,11 @@
 
 #include <cstddef>
 #include <string>
+#include <vector>
 
 #include <Eigen/Core>
+
+#include "src/camera_model.h"
 
 namespace colmap {
 class Reconstruction;
@@ -31,6 +34,12 @@ size_t CheckTextModel(const ModelFiles& files);
 // What makes `coordinates` (world units) damage rather than a position or
 // translation; empty if nothing.
 std::string CoordinateProblem(const Eigen::Vector3d& coordinates);
+
+// What makes `params` damage rather than the parameters of a camera: not
+// finite, focal lengths that are not positive, focal lengths or principal
+// points beyond 1e7 px; empty if nothing.
+std::string IntrinsicsProblem(const CameraModel& model,
+                              const std::vector<double>& params);
 
 // Checks the values of a model that was read from `files`: finite, plausible,
 // consistent references between images and points. Throws InputError naming

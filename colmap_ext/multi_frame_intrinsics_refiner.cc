@@ -183,13 +183,11 @@ void LogAlignment(const Capture& capture, const Progress& progress) {
   }
 }
 
-void AddContradictions(const Scene& scene,
-                       const std::vector<double>& start_stds_px,
-                       const std::vector<double>& stds_px,
-                       const std::vector<double>& own_stds_px,
-                       Capture* capture) {
-  for (const ExtrinsicsContradiction& contradiction :
-       FindExtrinsicsContradictions(start_stds_px, stds_px, own_stds_px)) {
+void AddContradictions(
+    const Scene& scene,
+    const std::vector<ExtrinsicsContradiction>& contradictions,
+    Capture* capture) {
+  for (const ExtrinsicsContradiction& contradiction : contradictions) {
     const std::string& name = scene.cameras[contradiction.camera_idx].name;
     capture->contradicting_cameras[name] = colmap::StringPrintf(
         "its residuals are %.2f px, the median camera's %.2f px, its own in "
@@ -210,6 +208,37 @@ void WarnOfContradictions(const Capture& capture) {
                  "RIG, or leave the camera out of it."
               << std::endl;
   }
+}
+
+// Throws SolverError with the cure.
+void ThrowUnlessConverged(const RefinerResult& result,
+                          const SpoiltCameras& spoilt,
+                          int max_num_iterations,
+                          const std::string& path) {
+  if (result.status == "converged") return;
+  std::string names;
+  for (const auto& name_and_reason : result.capture->contradicting_cameras) {
+    names += (names.empty() ? "'" : ", '") + name_and_reason.first + "'";
+  }
+  const std::string where =
+      "the result is in " + path + ", with status " + result.status + ". ";
+  if (result.status == "contradicting_extrinsics") {
+    throw SolverError(
+        "Cameras that contradict their extrinsics in RIG (" + names +
+        ") have spoilt " + std::to_string(spoilt.num_spoilt) + " of the " +
+        std::to_string(spoilt.num_others) +
+        " others: their residuals or focal lengths are absurd; " + where +
+        "Correct these cameras in RIG, or remove them "
+        "from it, and run again.");
+  }
+  throw SolverError(
+      "The last solve did not converge within " +
+      std::to_string(max_num_iterations) + " iterations; " + where +
+      (names.empty()
+           ? "Raise --MultiFrame.max_num_iterations."
+           : "Correct the cameras that contradict their "
+             "extrinsics in RIG (" +
+                 names + "), or remove them from it, and run again."));
 }
 
 // The paper's schedule over COLMAP's bundle adjustment problem; leaves points,
@@ -341,12 +370,14 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   held_out.PutBack(&scene);
   const std::vector<double> residuals_after =
       SquaredResiduals(scene, single_frame_mode);
-  AddContradictions(scene,
-                    RobustStdByCamera(start, residuals_before),
-                    RobustStdByCamera(scene, residuals_after),
-                    own_stds_px,
-                    &capture);
+  const std::vector<double> stds_px = RobustStdByCamera(scene, residuals_after);
+  const std::vector<ExtrinsicsContradiction> contradictions =
+      FindExtrinsicsContradictions(
+          RobustStdByCamera(start, residuals_before), stds_px, own_stds_px);
+  AddContradictions(scene, contradictions, &capture);
   WarnOfContradictions(capture);
+  const SpoiltCameras spoilt = CountSpoiltCameras(
+      scene, result.initial_params, contradictions, stds_px, own_stds_px);
   // The same observations before and after.
   const double max_squared = MaxInlierSquaredResidual(residuals_after);
   std::vector<bool> inliers;
@@ -355,7 +386,10 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   }
   result.rms_px_before = RmsByCamera(scene, residuals_before, inliers);
   result.rms_px_after = RmsByCamera(scene, residuals_after, inliers);
-  result.status = result.refinement.converged ? "converged" : "not_converged";
+  result.status = !contradictions.empty() && spoilt.Most()
+                      ? "contradicting_extrinsics"
+                  : result.refinement.converged ? "converged"
+                                                : "not_converged";
   progress.Log(colmap::StringPrintf(
       "%s: rms %.3f px before, %.3f px after, %.3f px held out; noise %.3f px, "
       "outliers %.1f %%",
@@ -380,13 +414,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   const WrittenResult written = WriteResult(parser, result, &output);
   for (const std::string& remark : written.remarks) progress.Log(remark);
   progress.Log("Written to " + written.path);
-  if (!result.refinement.converged) {
-    throw SolverError(
-        "The last solve did not converge within " +
-        std::to_string(multi_frame.max_num_iterations) +
-        " iterations; the result is in " + written.path +
-        ", with status not_converged. Raise --MultiFrame.max_num_iterations.");
-  }
+  ThrowUnlessConverged(
+      result, spoilt, multi_frame.max_num_iterations, written.path);
 }
 
 }  // namespace

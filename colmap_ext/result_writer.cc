@@ -425,7 +425,7 @@ WrittenResult WriteResult(const OptionParser& options,
                   MakeSummary(options, result)
                           .dump(2, ' ', false, Json::error_handler_t::replace) +
                       "\n");
-    written.path = output->Publish(result.refinement.converged).string();
+    written.path = output->Publish(result.status == "converged").string();
   } catch (const fs::filesystem_error& error) {
     throw OutputError(std::string("--output_path: ") + error.what() + ".");
   }

@@ -30,7 +30,8 @@ struct RefinerResult {
   std::vector<double> rms_px_after;
   double held_out_rms_px = 0.0;  // NaN: no tracks were held out
   RefinementResult refinement;
-  std::string status;  // "converged" or "not_converged"
+  // "converged", "not_converged" or "contradicting_extrinsics".
+  std::string status;
   std::vector<Stage> stages;
   std::vector<std::pair<std::string, double>> timings_s;
   nlohmann::ordered_json inputs;

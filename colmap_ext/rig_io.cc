@@ -183,19 +183,7 @@ void SetIntrinsics(const Eigen::Matrix3d& K,
                    double pixel_offset,
                    const std::string& where,
                    KnownCamera* camera) {
-  const auto is_finite = [](double value) { return std::isfinite(value); };
-  if (!K.allFinite() ||
-      !std::all_of(distortion.begin(), distortion.end(), is_finite)) {
-    throw InputError(where +
-                     ": K or the distortion is not finite. Correct the "
-                     "numbers.");
-  }
-  if (K(0, 0) <= 0.0 || K(1, 1) <= 0.0) {
-    throw InputError(where + ": the focal lengths " + FormatNumber(K(0, 0)) +
-                     ", " + FormatNumber(K(1, 1)) +
-                     " must be positive. Correct K.");
-  }
-  if (std::abs(K(0, 1)) > 1e-6 || K(1, 0) != 0.0 || K(2, 0) != 0.0 ||
+  if (!(std::abs(K(0, 1)) <= 1e-6) || K(1, 0) != 0.0 || K(2, 0) != 0.0 ||
       K(2, 1) != 0.0 || K(2, 2) != 1.0) {
     throw InputError(where +
                      ": K must be fx 0 cx; 0 fy cy; 0 0 1. COLMAP's "
@@ -216,6 +204,11 @@ void SetIntrinsics(const Eigen::Matrix3d& K,
     camera->model = FindCameraModel(name);
     if (4 + num_coefficients <= camera->model->NumParams()) {
       camera->params.resize(camera->model->NumParams(), 0.0);
+      const std::string problem =
+          IntrinsicsProblem(*camera->model, camera->params);
+      if (!problem.empty()) {
+        throw InputError(where + ": " + problem + ". Correct the numbers.");
+      }
       return;
     }
   }

@@ -9,6 +9,22 @@ namespace {
 
 constexpr double kMaxStdRatio = 3.0;
 constexpr double kMinStdPx = 0.5;
+constexpr double kMaxFocalLengthRatio = 2.0;
+
+// Whether residuals are worse than the keypoints explain; false for NaN.
+bool IsBad(double std_px, double own_std_px) {
+  return std_px > std::max(kMinStdPx, kMaxStdRatio * own_std_px);
+}
+
+bool FocalLengthHasRunAway(const RigCamera& camera,
+                           const std::vector<double>& initial_params) {
+  const std::vector<size_t>& idxs = camera.model->FocalLengthIdxs();
+  return std::any_of(idxs.begin(), idxs.end(), [&](size_t idx) {
+    const double ratio = camera.params[idx] / initial_params[idx];
+    return !(ratio <= kMaxFocalLengthRatio &&
+             ratio >= 1.0 / kMaxFocalLengthRatio);
+  });
+}
 
 // NaN if there is none.
 double Median(std::vector<double> values) {
@@ -74,19 +90,40 @@ std::vector<ExtrinsicsContradiction> FindExtrinsicsContradictions(
     const std::vector<double>& stds_px,
     const std::vector<double>& own_stds_px) {
   const double others_std_px = MedianOfValid(stds_px);
-  const bool all_spoilt =
-      others_std_px >
-      std::max(kMinStdPx, kMaxStdRatio * MedianOfValid(own_stds_px));
+  const bool all_spoilt = IsBad(others_std_px, MedianOfValid(own_stds_px));
   const std::vector<double>& compared = all_spoilt ? start_stds_px : stds_px;
   const double median = MedianOfValid(compared);
   std::vector<ExtrinsicsContradiction> contradictions;
   for (size_t i = 0; i < stds_px.size(); ++i) {
     if (compared[i] > kMaxStdRatio * median &&
-        stds_px[i] > std::max(kMinStdPx, kMaxStdRatio * own_stds_px[i])) {
+        IsBad(stds_px[i], own_stds_px[i])) {
       contradictions.push_back({i, stds_px[i], others_std_px, own_stds_px[i]});
     }
   }
   return contradictions;
+}
+
+SpoiltCameras CountSpoiltCameras(
+    const Scene& scene,
+    const std::vector<std::vector<double>>& initial_params,
+    const std::vector<ExtrinsicsContradiction>& contradictions,
+    const std::vector<double>& stds_px,
+    const std::vector<double>& own_stds_px) {
+  SpoiltCameras count;
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    const bool contradicts =
+        std::any_of(contradictions.begin(),
+                    contradictions.end(),
+                    [i](const ExtrinsicsContradiction& contradiction) {
+                      return contradiction.camera_idx == i;
+                    });
+    if (contradicts || std::isnan(stds_px[i])) continue;
+    ++count.num_others;
+    count.num_spoilt +=
+        IsBad(stds_px[i], own_stds_px[i]) ||
+        FocalLengthHasRunAway(scene.cameras[i], initial_params[i]);
+  }
+  return count;
 }
 
 }  // namespace mfir

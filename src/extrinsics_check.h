@@ -39,4 +39,24 @@ std::vector<ExtrinsicsContradiction> FindExtrinsicsContradictions(
     const std::vector<double>& stds_px,
     const std::vector<double>& own_stds_px);
 
+// How many of the cameras that do not contradict their extrinsics themselves
+// have a worthless result.
+struct SpoiltCameras {
+  size_t num_spoilt = 0;
+  size_t num_others = 0;  // with observations, not contradicting
+  bool Most() const { return 2 * num_spoilt > num_others; }
+};
+
+// A camera is spoilt if a focal length has changed by more than a factor of two
+// from `initial_params` (by camera), or if its residuals are more than three
+// times those in the frames' own reconstructions, and above half a pixel. In
+// small arrays the others cannot outvote a wrong camera: then most are spoilt,
+// whether or not the solve has converged.
+SpoiltCameras CountSpoiltCameras(
+    const Scene& scene,
+    const std::vector<std::vector<double>>& initial_params,
+    const std::vector<ExtrinsicsContradiction>& contradictions,
+    const std::vector<double>& stds_px,
+    const std::vector<double>& own_stds_px);
+
 }  // namespace mfir

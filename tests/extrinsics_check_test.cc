@@ -7,6 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include "colmap_ext/camera_models.h"
+
 namespace mfir {
 namespace {
 
@@ -48,6 +50,57 @@ TEST(ExtrinsicsCheck, CamerasWithoutObservations) {
             std::vector<size_t>({3}));
   EXPECT_TRUE(Find({kNaN}, {kNaN}).empty());
   EXPECT_TRUE(Find({}, {}).empty());
+}
+
+// Scene of pinhole cameras with these focal lengths.
+Scene SceneWithFocalLengths(const std::vector<double>& focal_lengths) {
+  Scene scene;
+  for (const double focal_length : focal_lengths) {
+    RigCamera camera;
+    camera.model = FindCameraModel("PINHOLE");
+    camera.params = {focal_length, 1000.0, 320.0, 240.0};
+    scene.cameras.push_back(camera);
+  }
+  return scene;
+}
+
+TEST(ExtrinsicsCheck, CountsSpoiltCameras) {
+  const Scene scene =
+      SceneWithFocalLengths({9e9, 1000.0, 1990.0, 2010.0, 490.0, 9e9, kNaN});
+  const std::vector<std::vector<double>> initial_params(
+      7, {1000.0, 1000.0, 320.0, 240.0});
+  const std::vector<double> own_stds_px(7, 0.5);
+  // The first contradicts its extrinsics, the sixth has no observations.
+  const std::vector<ExtrinsicsContradiction> contradictions = {
+      {0, 90.0, 0.5, 0.5}};
+  const auto count = [&](double std_px) {
+    return CountSpoiltCameras(scene,
+                              initial_params,
+                              contradictions,
+                              {90.0, std_px, 0.5, 0.5, 0.5, kNaN, 0.5},
+                              own_stds_px);
+  };
+  const SpoiltCameras focal_lengths_only = count(1.4);
+  EXPECT_EQ(focal_lengths_only.num_others, 5u);
+  EXPECT_EQ(focal_lengths_only.num_spoilt, 3u);
+  EXPECT_TRUE(focal_lengths_only.Most());
+  EXPECT_EQ(count(1.6).num_spoilt, 4u);
+}
+
+TEST(ExtrinsicsCheck, HalfSpoiltIsNotMost) {
+  const std::vector<double> own_stds_px(4, 0.5);
+  const auto count = [&](const std::vector<double>& stds_px) {
+    return CountSpoiltCameras(
+        SceneWithFocalLengths({1000.0, 1000.0, 1000.0, 1000.0}),
+        std::vector<std::vector<double>>(4, {1000.0, 1000.0, 320.0, 240.0}),
+        {},
+        stds_px,
+        own_stds_px);
+  };
+  EXPECT_FALSE(count({0.5, 0.5, 0.5, 0.5}).Most());
+  EXPECT_FALSE(count({5.0, 5.0, 0.5, 0.5}).Most());
+  EXPECT_TRUE(count({5.0, 5.0, 5.0, 0.5}).Most());
+  EXPECT_FALSE(count({kNaN, kNaN, kNaN, kNaN}).Most());
 }
 
 TEST(ExtrinsicsCheck, StdOfGaussianNoise) {

@@ -129,13 +129,15 @@ class RefinerTest : public testing::Test {
         << testing::PrintToString(options) << result.error;
   }
 
-  // Expects the exit code and all parts in the message, on stderr.
+  // Expects the exit code and all parts in the message, on stderr, which
+  // begins with `begin`.
   void ExpectError(int exit_code,
                    const std::vector<std::string>& parts,
-                   const CommandOptions& options = {}) const {
+                   const CommandOptions& options = {},
+                   const std::string& begin = "ERROR") const {
     const CommandResult result = Refine(options, 20);
     EXPECT_EQ(result.exit_code, exit_code) << result.error;
-    EXPECT_EQ(result.error.find("ERROR"), 0) << result.error;
+    EXPECT_EQ(result.error.find(begin), 0) << result.error;
     for (const std::string& part : parts) {
       EXPECT_NE(result.error.find(part), std::string::npos)
           << "'" << part << "' is not in: " << result.error;
@@ -206,6 +208,14 @@ class RefinerTest : public testing::Test {
     for (const char* frame : {"frame000000", "frame000001", "frame000002"}) {
       ChangeFrame(frame, change);
     }
+  }
+
+  // Changes the known extrinsics.
+  template <typename Change>
+  void ChangeRig(const Change& change) const {
+    colmap::Reconstruction rig = Read(Path("rig"));
+    change(&rig);
+    WriteText(rig, Path("rig"));
   }
 
   // Gives all images of `path` (a model in text form for RIG, else binary)
