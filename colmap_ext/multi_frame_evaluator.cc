@@ -165,12 +165,25 @@ std::vector<FrameEstimate> ReadEstimates(const EvaluatorOptions& options,
   return {{"", ReadEstimatedCameras(model_path.string(), naming)}};
 }
 
-// Under a temporary name first, so that `path` is never half a file.
-void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
+// A file that exists may be the ground truth, or the summary of the result.
+void CheckOutput(const std::string& path) {
   std::error_code ignored;
-  if (fs::exists(path, ignored) && !fs::is_regular_file(path, ignored)) {
+  if (path.empty() || !fs::exists(path, ignored)) return;
+  if (!fs::is_regular_file(path, ignored)) {
     throw OutputError("--output_path " + path + " is not a regular file.");
   }
+  std::ifstream file(path);
+  const nlohmann::json json =
+      nlohmann::json::parse(file, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object() || !json.contains("focal_abs")) {
+    throw OutputError("--output_path " + path +
+                      " exists, and is no evaluation: it is not replaced. "
+                      "Remove it, or give another file.");
+  }
+}
+
+// Under a temporary name first, so that `path` is never half a file.
+void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
   const std::string temporary_path = path + ".tmp";
   std::ofstream file(temporary_path);
   // File names need not be UTF-8, JSON must be.
@@ -203,6 +216,7 @@ Evaluation Evaluate(const EvaluatorOptions& options) {
 int RunMultiFrameEvaluator(int argc, char** argv) {
   return RunCommand([argc, argv]() {
     const EvaluatorOptions options = ParseOptions(argc, argv);
+    CheckOutput(options.output_path);
     const Evaluation evaluation = Evaluate(options);
     PrintEvaluation(evaluation, std::cout);
     if (!options.output_path.empty()) {

@@ -252,5 +252,25 @@ TEST_F(MultiFrameEvaluator, UnwritableOutput) {
   EXPECT_TRUE(fs::exists(Path("truth/cameras.txt")));
 }
 
+// Only an earlier evaluation is.
+TEST_F(MultiFrameEvaluator, OtherFilesAreNotReplaced) {
+  WriteModel("model", 3);
+  WriteFile("summary.json", "{\"evaluation\": {\"focal_abs\": 1}}");
+  for (const std::string name : {"truth/cameras.txt", "summary.json"}) {
+    const auto size = fs::file_size(Path(name));
+    EXPECT_EQ(RunPlain({"multi_frame_evaluator",
+                        "--input_path",
+                        Path("model"),
+                        "--ground_truth_path",
+                        Path("truth"),
+                        "--output_path",
+                        Path(name)}),
+              kExitOutput);
+    EXPECT_EQ(fs::file_size(Path(name)), size);
+  }
+  EXPECT_EQ(Run("model"), kExitSuccess);
+  EXPECT_EQ(Run("model"), kExitSuccess);
+}
+
 }  // namespace
 }  // namespace mfir
