@@ -13,6 +13,7 @@ namespace {
 // Reprojection errors have two components and come with the error of the
 // point; epipolar errors of the drift have one.
 constexpr double kReprojectionFactor = 3.0;
+
 // The images of the database that belong to cameras of the rig, by camera.
 std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
                                       const std::vector<RigCamera>& cameras,
@@ -176,21 +177,20 @@ colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
                                         const CameraNaming& naming,
                                         const std::vector<RigCamera>& cameras,
                                         int num_threads,
-                                        const std::string& database_path,
+                                        colmap::Database* database,
                                         FrameStatistics* statistics,
                                         FrameTimings* timings,
                                         std::vector<std::string>* warnings) {
   colmap::Timer timer;
   timer.Start();
-  colmap::Database database(database_path);
   std::vector<DatabaseImage> images =
-      ReadImages(naming, cameras, database, warnings);
+      ReadImages(naming, cameras, *database, warnings);
   statistics->num_images = images.size();
-  if (database.NumInlierMatches() == 0) {
-    const colmap::DatabaseTransaction transaction(&database);
-    VerifyMatches(options, cameras, images, num_threads, database, statistics);
+  if (database->NumInlierMatches() == 0) {
+    const colmap::DatabaseTransaction transaction(database);
+    VerifyMatches(options, cameras, images, num_threads, *database, statistics);
   }
-  if (NumVerifiedPairs(database, options.min_num_matches, statistics) == 0) {
+  if (NumVerifiedPairs(*database, options.min_num_matches, statistics) == 0) {
     throw InputError(
         "no pair of images has enough matches that fit the known extrinsics; "
         "are they those of this array?");
@@ -206,7 +206,7 @@ colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
               kReprojectionFactor * tolerance,
               cameras,
               images,
-              database,
+              *database,
               &model);
   statistics->num_points = model.NumPoints3D();
   statistics->num_observations = model.ComputeNumObservations();

@@ -14,11 +14,11 @@
 
 namespace mfir {
 
-// Triangulates the frame whose database lies at `database_path`. Matches that
-// have no two-view geometries yet are verified against the epipolar geometry of
-// `cameras` (their extrinsics, and the intrinsics to start from), and these are
-// added to the database. Images are found in the database by camera name; those
-// without camera of the rig are left out and reported in `warnings`.
+// Triangulates the frame of an opened database. Unless the database has
+// two-view geometries, its matches are verified against the epipolar geometry
+// of `cameras` (their extrinsics, and the intrinsics to start from), and these
+// are added to the database. Images are found in the database by camera name;
+// those without camera of the rig are left out and reported in `warnings`.
 //
 // The model has one camera per image, id = index into `cameras` + 1.
 // Throws InputError: fewer than two images, two images of a camera, image sizes
@@ -27,7 +27,7 @@ colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
                                         const CameraNaming& naming,
                                         const std::vector<RigCamera>& cameras,
                                         int num_threads,
-                                        const std::string& database_path,
+                                        colmap::Database* database,
                                         FrameStatistics* statistics,
                                         FrameTimings* timings,
                                         std::vector<std::string>* warnings);

@@ -188,6 +188,14 @@ colmap::FeatureKeypoints PinholeKeypoints(const DatabaseImage& image,
   return keypoints;
 }
 
+// Of other extractors' databases some have no descriptors, or such that
+// COLMAP's matching cannot take.
+bool HasSiftDescriptors(const DatabaseImage& image,
+                        const colmap::FeatureDescriptors& descriptors) {
+  return descriptors.cols() == 128 &&
+         static_cast<size_t>(descriptors.rows()) == image.rays.size();
+}
+
 // Matches again with only the keypoints near the epipolar line as candidates.
 void MatchGuided(const TriangulatorOptions& options,
                  const std::vector<RigCamera>& cameras,
@@ -206,6 +214,10 @@ void MatchGuided(const TriangulatorOptions& options,
   }
   colmap::ThreadPool pool(num_threads);
   for (ImagePair& pair : *pairs) {
+    if (!HasSiftDescriptors(*pair.image1, descriptors.at(pair.image1)) ||
+        !HasSiftDescriptors(*pair.image2, descriptors.at(pair.image2))) {
+      continue;
+    }
     pool.AddTask([&options, &cameras, &descriptors, &keypoints, &pair]() {
       const double f1 = MeanFocalLength(cameras[pair.image1->camera_idx]);
       const double f2 = MeanFocalLength(cameras[pair.image2->camera_idx]);

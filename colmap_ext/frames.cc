@@ -140,6 +140,20 @@ void RemoveShortTracks(colmap::Reconstruction* reconstruction) {
   }
 }
 
+// In the folder of the frame, in its folder of sparse models, or with the
+// model;
+// "" if there is none.
+std::string FindDatabase(const std::filesystem::path& frame_path,
+                         const std::filesystem::path& model_path) {
+  std::error_code error;
+  for (const std::filesystem::path& folder :
+       {frame_path, frame_path / "sparse", model_path}) {
+    const std::filesystem::path path = folder / "database.db";
+    if (std::filesystem::is_regular_file(path, error)) return path.string();
+  }
+  return "";
+}
+
 FrameModel ReadFrame(const std::string& frames_path,
                      const std::string& name,
                      const CameraNaming& naming,
@@ -148,12 +162,13 @@ FrameModel ReadFrame(const std::string& frames_path,
                      Capture* capture) {
   FrameModel frame;
   frame.name = name;
-  frame.model_path =
-      FindSparseModel((std::filesystem::path(frames_path) / name).string());
+  const std::filesystem::path path = std::filesystem::path(frames_path) / name;
+  frame.model_path = FindSparseModel(path.string());
   if (frame.model_path.empty()) {
     frame.skip_reason = "it has no sparse model";
     return frame;
   }
+  frame.database_path = FindDatabase(path, frame.model_path);
   frame.reconstruction = std::make_unique<colmap::Reconstruction>();
   ReadModel(frame.model_path, true, frame.reconstruction.get());
   RemoveShortTracks(frame.reconstruction.get());

@@ -18,6 +18,8 @@ namespace mfir {
 struct FrameModel {
   std::string name;
   std::string model_path;
+  // COLMAP database with the keypoints and matches; empty: there is none.
+  std::string database_path;
   // Why the frame takes no part; empty: it does.
   std::string skip_reason;
   // Images of rig cameras only. Every image has a camera of its own, whose id

@@ -12,16 +12,15 @@
 #include "colmap_ext/dense_feature_sources.h"
 #include "colmap_ext/frames.h"
 #include "colmap_ext/input_file.h"
-#include "colmap_ext/multi_frame_bundle_adjuster.h"
 #include "colmap_ext/refiner_options.h"
 #include "colmap_ext/refiner_progress.h"
+#include "colmap_ext/refiner_solves.h"
 #include "colmap_ext/result_writer.h"
 #include "colmap_ext/rig_io.h"
 #include "colmap_ext/scene_features.h"
 #include "src/alignment.h"
 #include "src/errors.h"
 #include "src/evaluation.h"
-#include "src/extrinsics_check.h"
 #include "src/held_out_tracks.h"
 #include "src/refinement.h"
 
@@ -183,21 +182,6 @@ void LogAlignment(const Capture& capture, const Progress& progress) {
   }
 }
 
-void AddContradictions(
-    const Scene& scene,
-    const std::vector<ExtrinsicsContradiction>& contradictions,
-    Capture* capture) {
-  for (const ExtrinsicsContradiction& contradiction : contradictions) {
-    const std::string& name = scene.cameras[contradiction.camera_idx].name;
-    capture->contradicting_cameras[name] = colmap::StringPrintf(
-        "its residuals are %.2f px, the median camera's %.2f px, its own in "
-        "the frames %.2f px",
-        contradiction.std_px,
-        contradiction.others_std_px,
-        contradiction.own_std_px);
-  }
-}
-
 // On stderr, also when quiet: the result is not what the user expects.
 void WarnOfContradictions(const Capture& capture) {
   for (const auto& name_and_reason : capture.contradicting_cameras) {
@@ -239,60 +223,6 @@ void ThrowUnlessConverged(const RefinerResult& result,
            : "Correct the cameras that contradict their "
              "extrinsics in RIG (" +
                  names + "), or remove them from it, and run again."));
-}
-
-// The paper's schedule over COLMAP's bundle adjustment problem; leaves points,
-// per-frame intrinsics and global intrinsics in the scene.
-void RunSchedule(const MultiFrameOptions& options,
-                 const Similarity3& normalized_from_rig,
-                 const StageCallback& callback,
-                 Capture* capture,
-                 Scene* scene) {
-  MultiFrameOptions schedule_options = options;
-  if (options.loss_scale == 0.0) {
-    schedule_options.loss_scale = EstimateCauchyScale(*scene);
-  }
-  MultiFrameBundleAdjuster(schedule_options).Run(callback, capture, scene);
-  const std::vector<RigCamera> cameras = std::move(scene->cameras);
-  const std::vector<Frame> frames = std::move(scene->frames);
-  *scene = BuildScene(normalized_from_rig, *capture);
-  for (size_t i = 0; i < frames.size(); ++i) {
-    // The same tracks in the same order.
-    Frame& frame = scene->frames[i];
-    frame.cost_maps = frames[i].cost_maps;
-    frame.feature_keypoints = frames[i].feature_keypoints;
-    for (size_t k = 0; k < frame.observations.size(); ++k) {
-      frame.observations[k].cost_map_idx =
-          frames[i].observations[k].cost_map_idx;
-    }
-  }
-  if (options.SingleFrameMode()) {
-    InitializeIntrinsics(options, scene);
-  } else {
-    scene->cameras = cameras;
-  }
-}
-
-RefinementResult RefineScene(const MultiFrameOptions& options,
-                             const Similarity3& normalized_from_rig,
-                             const StageCallback& callback,
-                             Capture* capture,
-                             Scene* scene) {
-  const bool has_schedule = options.NumScheduleSolves() > 0;
-  if (has_schedule) {
-    RunSchedule(options, normalized_from_rig, callback, capture, scene);
-  }
-  MultiFrameOptions final_options = options;
-  if (!options.progressive) {
-    // The intrinsics stay what the soft prior gave; only the points follow the
-    // known extrinsics.
-    final_options.refine_focal_length = false;
-    final_options.refine_principal_point = false;
-    final_options.refine_extra_params = false;
-  }
-  // The scene has its own unit.
-  final_options.extrinsics_translation_std *= normalized_from_rig.scale;
-  return RefineFixedExtrinsics(final_options, !has_schedule, callback, scene);
 }
 
 void Refine(const RefinerOptions& options, const OptionParser& parser) {
@@ -337,9 +267,23 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   HoldConstantCameras(options.constant_camera_list_path, &scene);
   InitializeIntrinsics(multi_frame, &scene);
   if (multi_frame.use_prior_intrinsics) UsePriorIntrinsics(capture, &scene);
-  HeldOutTracks held_out(multi_frame.held_out_share, &scene);
   // A ground truth that does not fit fails here, not after the work.
   Evaluate(true_cameras, scene, true);
+  RefinerResult result;
+  for (const RigCamera& camera : scene.cameras) {
+    result.initial_params.push_back(camera.params);
+  }
+  Scene start = scene;
+  const StartResiduals start_residuals = EvaluateStart(multi_frame, start);
+  const RoundsResult rounds = RetriangulateInRounds(multi_frame,
+                                                    normalized_from_rig,
+                                                    output.TemporaryPath(),
+                                                    start_residuals,
+                                                    &progress,
+                                                    &result.stages,
+                                                    &capture,
+                                                    &scene);
+  HeldOutTracks held_out(multi_frame.held_out_share, &scene);
   if (multi_frame.dense_features != "none") {
     progress.Heading("Computing dense features");
     AddDenseFeatures(
@@ -350,34 +294,34 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   }
 
   progress.Heading("Refining intrinsics");
-  RefinerResult result;
-  for (const RigCamera& camera : scene.cameras) {
-    result.initial_params.push_back(camera.params);
-  }
   const bool single_frame_mode = multi_frame.SingleFrameMode();
-  Scene start = scene;
-  held_out.PutBack(&start);
-  const std::vector<double> residuals_before =
-      SquaredResiduals(start, single_frame_mode);
-  const std::vector<double> own_stds_px =
-      RobustStdByCamera(start, OwnSquaredResiduals(start));
-  result.refinement = RefineScene(multi_frame,
-                                  normalized_from_rig,
-                                  progress.RecordStages(&result.stages),
-                                  &capture,
-                                  &scene);
+  if (rounds.refinement && multi_frame.dense_features == "none") {
+    result.refinement = *rounds.refinement;
+  } else {
+    result.refinement = RefineScene(multi_frame,
+                                    normalized_from_rig,
+                                    progress.RecordStages(&result.stages),
+                                    &capture,
+                                    &scene);
+  }
   result.held_out_rms_px = held_out.Evaluate(multi_frame, scene);
   held_out.PutBack(&scene);
+  if (rounds.has_new_tracks) {
+    start = WithIntrinsics(result.initial_params, scene);
+  }
+  const std::vector<double> residuals_before =
+      SquaredResiduals(start, single_frame_mode);
   const std::vector<double> residuals_after =
       SquaredResiduals(scene, single_frame_mode);
-  const std::vector<double> stds_px = RobustStdByCamera(scene, residuals_after);
   const std::vector<ExtrinsicsContradiction> contradictions =
-      FindExtrinsicsContradictions(
-          RobustStdByCamera(start, residuals_before), stds_px, own_stds_px);
-  AddContradictions(scene, contradictions, &capture);
+      AddContradictions(scene, start_residuals, residuals_after, &capture);
   WarnOfContradictions(capture);
-  const SpoiltCameras spoilt = CountSpoiltCameras(
-      scene, result.initial_params, contradictions, stds_px, own_stds_px);
+  const SpoiltCameras spoilt =
+      CountSpoiltCameras(scene,
+                         result.initial_params,
+                         contradictions,
+                         RobustStdByCamera(scene, residuals_after),
+                         start_residuals.own_stds_px);
   // The same observations before and after.
   const double max_squared = MaxInlierSquaredResidual(residuals_after);
   std::vector<bool> inliers;

@@ -6,13 +6,13 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
-#include <mutex>
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/command.h"
 #include "colmap_ext/frame_database.h"
 #include "colmap_ext/frame_triangulation.h"
 #include "colmap_ext/model_check.h"
+#include "colmap_ext/parallel_log.h"
 #include "colmap_ext/triangulator_inputs.h"
 #include "colmap_ext/triangulator_options.h"
 #include "src/errors.h"
@@ -28,30 +28,6 @@ using Json = nlohmann::ordered_json;
 constexpr const char* kDatabaseName = "database.db";
 constexpr const char* kRecordName = "triangulation.json";
 constexpr const char* kUnfinishedName = ".unfinished";
-
-// COLMAP reports what it does on std::cout, from all threads at once. Silences
-// it as long as this object lives; Print gets through.
-class Progress {
- public:
-  explicit Progress(bool quiet)
-      : quiet_(quiet), stream_(std::cout.rdbuf()), buffer_(std::cout.rdbuf()) {
-    std::cout.rdbuf(nullptr);
-  }
-  ~Progress() {
-    std::cout.rdbuf(buffer_);
-    std::cout.clear();
-  }
-  void Print(const std::string& line) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (!quiet_) stream_ << line << std::endl;
-  }
-
- private:
-  const bool quiet_;
-  std::mutex mutex_;
-  std::ostream stream_;
-  std::streambuf* const buffer_;
-};
 
 // The record of an earlier run, empty if the frame is not finished.
 Json ReadRecord(const fs::path& folder) {
@@ -186,15 +162,17 @@ std::string ProcessFrame(const TriangulatorOptions& options,
   } else {
     CopyFrameDatabase(database_path.string(), output.DatabasePath());
   }
-  const colmap::Reconstruction model = TriangulateFrame(options,
-                                                        inputs.naming,
-                                                        inputs.cameras,
-                                                        num_threads,
-                                                        output.DatabasePath(),
-                                                        &statistics,
-                                                        &timings,
-                                                        &frame->warnings);
-  output.WriteModel(model);
+  {
+    colmap::Database database(output.DatabasePath());
+    output.WriteModel(TriangulateFrame(options,
+                                       inputs.naming,
+                                       inputs.cameras,
+                                       num_threads,
+                                       &database,
+                                       &statistics,
+                                       &timings,
+                                       &frame->warnings));
+  }
   output.Finish(make_database,
                 MakeRecord(inputs,
                            make_database || is_own,
@@ -222,7 +200,7 @@ void ProcessFrames(const TriangulatorOptions& options,
   const int num_frames_at_once =
       std::min<int>(num_threads, inputs->frames.size());
   std::atomic<size_t> num_done = 0;
-  Progress progress(options.quiet);
+  ParallelLog log(options.quiet);
   ParallelFor(inputs->frames.size(), num_frames_at_once, [&](size_t i) {
     InputFrame& frame = inputs->frames[i];
     std::string outcome;
@@ -242,7 +220,7 @@ void ProcessFrames(const TriangulatorOptions& options,
     for (const std::string& warning : frame.warnings) {
       lines += "\n  WARNING: " + warning;
     }
-    progress.Print(lines);
+    log.Print(lines);
   });
 }
 

@@ -89,6 +89,10 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("use_prior_intrinsics",
       &options->use_prior_intrinsics,
       "Start from the intrinsics of the extrinsics file");
+  add("retriangulation_rounds",
+      &options->retriangulation_rounds,
+      "How often frames with a database.db get new tracks, with the intrinsics "
+      "so far");
   add("held_out_share",
       &options->held_out_share,
       "Share of the tracks that take no part, to check the result");
@@ -172,10 +176,14 @@ void ParseRefinerOptions(int argc,
   parser->Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
     multi_frame->ApplyPreset(name);
   });
-  // Only its default gives way to a schedule.
-  if (multi_frame->NumScheduleSolves() > 0 &&
-      !parser->IsSet("MultiFrame.held_out_share")) {
-    multi_frame->held_out_share = 0.0;
+  // Only their defaults give way to a schedule.
+  if (multi_frame->NumScheduleSolves() > 0) {
+    if (!parser->IsSet("MultiFrame.held_out_share")) {
+      multi_frame->held_out_share = 0.0;
+    }
+    if (!parser->IsSet("MultiFrame.retriangulation_rounds")) {
+      multi_frame->retriangulation_rounds = 0;
+    }
   }
   if (multi_frame->dense_features.empty()) {
     multi_frame->dense_features = DefaultDenseFeatures(*options);

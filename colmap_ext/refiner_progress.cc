@@ -1,5 +1,6 @@
 #include "colmap_ext/refiner_progress.h"
 
+#include <algorithm>
 #include <iostream>
 
 #include "colmap_ext/compat.h"
@@ -64,7 +65,15 @@ void Progress::EndTiming() {
   if (!name_.empty()) {
     const std::chrono::duration<double> duration =
         std::chrono::steady_clock::now() - start_;
-    timings_.emplace_back(name_, duration.count());
+    const auto earlier =
+        std::find_if(timings_.begin(), timings_.end(), [this](const auto& it) {
+          return it.first == name_;
+        });
+    if (earlier == timings_.end()) {
+      timings_.emplace_back(name_, duration.count());
+    } else {
+      earlier->second += duration.count();
+    }
   }
   name_.clear();
 }

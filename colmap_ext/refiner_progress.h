@@ -18,7 +18,7 @@ class Progress {
   // `options` must outlive this.
   explicit Progress(const MultiFrameOptions& options) : options_(options) {}
 
-  // Begins a stage.
+  // Begins a stage, or goes on with it.
   void Heading(const std::string& name);
   void Log(const std::string& line) const;
   // Appends to `stages`, which must outlive the callback, and logs a line each.

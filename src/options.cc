@@ -18,6 +18,7 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
     max_prior_weight = paper.max_prior_weight;
     loss_scale = paper.loss_scale;
     featuremetric_weight = paper.featuremetric_weight;
+    retriangulation_rounds = 0;
     held_out_share = 0.0;
     min_information = 0.0;
   } else {
@@ -29,6 +30,7 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
     // 1, since the features of a track err together: they are compared with the
     // same reference, and neighbouring views see the same change of appearance.
     featuremetric_weight = 0.3;
+    retriangulation_rounds = 2;
     held_out_share = 0.05;
     min_information = paper.min_information;
   }
@@ -49,6 +51,7 @@ void MultiFrameOptions::Check() const {
   CheckAtLeast("max_prior_weight", max_prior_weight, 0.0);
   CheckAtLeast("loss_scale", loss_scale, 0.0);
   CheckAtLeast("max_num_iterations", max_num_iterations, 1);
+  CheckAtLeast("retriangulation_rounds", retriangulation_rounds, 0);
   CheckAtLeast("held_out_share", held_out_share, 0.0);
   CheckAtLeast("extrinsics_rotation_std_deg", extrinsics_rotation_std_deg, 0.0);
   CheckAtLeast("extrinsics_translation_std", extrinsics_translation_std, 0.0);
@@ -63,6 +66,12 @@ void MultiFrameOptions::Check() const {
         "The solves of a schedule take all tracks: with "
         "--MultiFrame.max_prior_weight or progressive 0, "
         "--MultiFrame.held_out_share must be 0.");
+  }
+  if (retriangulation_rounds > 0 && NumScheduleSolves() > 0) {
+    throw UsageError(
+        "The solves of a schedule keep their tracks: with "
+        "--MultiFrame.max_prior_weight or progressive 0, "
+        "--MultiFrame.retriangulation_rounds must be 0.");
   }
   if ((prior_focal_std > 0.0 || prior_principal_point_std > 0.0) &&
       !use_prior_intrinsics) {

@@ -54,6 +54,10 @@ struct MultiFrameOptions {
   // Start from the intrinsics of RIG instead of those of the frames.
   bool use_prior_intrinsics = false;
 
+  // How often the tracks of frames that have a database are made anew, with the
+  // intrinsics so far.
+  int retriangulation_rounds = 0;
+
   // Share of the tracks that take no part, to check the result.
   double held_out_share = 0.0;
 

@@ -16,29 +16,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kNumCameras = 10;
+const size_t kNumCameras = RenderedCapture().num_cameras;
 const char* const kFrame0 = "frame000000";
 const char* const kFrame1 = "frame000001";
-
-// Lenses with distortion; RIG has intrinsics that are 1 % wrong.
-SimulatorOptions RenderedCapture() {
-  SimulatorOptions options;
-  options.num_cameras = kNumCameras;
-  options.num_frames = 2;
-  options.num_points = 50;
-  options.min_views = 2;
-  options.max_views = kNumCameras;
-  options.azimuth = 45.0;
-  options.min_elevation = -15.0;
-  options.max_elevation = 25.0;
-  options.image_width = 280;
-  options.image_height = 280;
-  options.principal_point_sigma = 3.0;
-  options.initial_principal_point_sigma = 3.0;
-  options.camera_model = "OPENCV";
-  options.quiet = true;
-  return options;
-}
 
 nlohmann::json ReadJson(const std::string& path) {
   return nlohmann::json::parse(ReadFile(path));

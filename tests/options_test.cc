@@ -144,6 +144,18 @@ TEST(MultiFrameOptions, HeldOutTracksNeedALastSolveOnly) {
   ExpectRefused(options, "held_out_share");
 }
 
+TEST(MultiFrameOptions, NewTracksNeedALastSolveOnly) {
+  MultiFrameOptions options;
+  options.ApplyPreset("accurate");
+  EXPECT_EQ(options.retriangulation_rounds, 2);
+  options.retriangulation_rounds = -1;
+  ExpectRefused(options, "retriangulation_rounds");
+  options.ApplyPreset("paper");
+  EXPECT_EQ(options.retriangulation_rounds, 0);
+  options.retriangulation_rounds = 1;
+  ExpectRefused(options, "retriangulation_rounds");
+}
+
 TEST(MultiFrameOptions, MessageNamesValueAndBound) {
   MultiFrameOptions options;
   options.loss_scale = -0.5;

@@ -77,6 +77,26 @@ inline SimulatorOptions SmallCapture() {
   return options;
 }
 
+// With images. Lenses with distortion; RIG has intrinsics that are 1 % wrong.
+inline SimulatorOptions RenderedCapture() {
+  SimulatorOptions options;
+  options.num_cameras = 10;
+  options.num_frames = 2;
+  options.num_points = 50;
+  options.min_views = 2;
+  options.max_views = 10;
+  options.azimuth = 45.0;
+  options.min_elevation = -15.0;
+  options.max_elevation = 25.0;
+  options.image_width = 280;
+  options.image_height = 280;
+  options.principal_point_sigma = 3.0;
+  options.initial_principal_point_sigma = 3.0;
+  options.camera_model = "OPENCV";
+  options.quiet = true;
+  return options;
+}
+
 // Options by name, without dashes.
 using CommandOptions = std::map<std::string, std::string>;
 // Parameters by camera name.
