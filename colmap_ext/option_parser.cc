@@ -260,6 +260,14 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
                           arguments[i - 1].find('=') == std::string::npos &&
                           arguments[i - 1] != "--help";
     if (!is_value) CheckName(arguments[i]);
+    // Boost takes an empty value, of an unset variable in a script, for 1.
+    if (is_value && arguments[i].empty()) {
+      const Option* option = Find(arguments[i - 1].substr(2));
+      if (option != nullptr && option->json().is_boolean()) {
+        throw UsageError(arguments[i - 1] +
+                         " has an empty value. Give 0 or 1.");
+      }
+    }
     log_level_set = log_level_set || arguments[i].rfind("--log_level", 0) == 0;
     // OptionManager would read the file itself and drop the command line.
     if (arguments[i] == "--project_path") {
@@ -340,11 +348,11 @@ void OptionParser::CheckForeignKey(const std::string& key,
                        "].");
     }
   }
-  const bool shared = std::find(shared_sections_.begin(),
-                                shared_sections_.end(),
-                                section) != shared_sections_.end();
-  const bool foreign = section.empty() ? IsOptionOfAnotherCommand(key)
-                                       : !own_section || shared;
+  const bool shared =
+      std::find(shared_sections_.begin(), shared_sections_.end(), section) !=
+      shared_sections_.end();
+  const bool foreign =
+      section.empty() ? IsOptionOfAnotherCommand(key) : !own_section || shared;
   if (!foreign) {
     throw UsageError(where + "there is no option '" + key + "'." +
                      DidYouMean(key));

@@ -124,6 +124,11 @@ TEST_F(OptionParserTest, ReadsEveryTypeInBothSpellings) {
   }
 }
 
+// Boost reads it as 1.
+TEST_F(OptionParserTest, EmptyValuesOfSwitchesAreErrors) {
+  ExpectUsageError({"--MultiFrame.progressive", ""}, {"progressive", "empty"});
+}
+
 TEST_F(OptionParserTest, CommandLineBeatsIniBeatsPreset) {
   const std::string ini = "[MultiFrame]\npreset=accurate\nloss_scale=3\n";
   Command from_ini;
