@@ -27,6 +27,19 @@ colmap::Camera MakeCamera(const RigCamera& source, size_t camera_idx) {
   return camera;
 }
 
+// Without this, keypoints beyond the mask would be dropped.
+void CheckMaskSize(const std::string& mask_path,
+                   const colmap::Bitmap& mask,
+                   const std::string& image_path,
+                   const colmap::Bitmap& image) {
+  if (mask.Width() == image.Width() && mask.Height() == image.Height()) return;
+  throw InputError(mask_path + " has " + std::to_string(mask.Width()) + " x " +
+                   std::to_string(mask.Height()) + " pixels, but the image " +
+                   image_path + " has " + std::to_string(image.Width()) +
+                   " x " + std::to_string(image.Height()) +
+                   ". Give masks of the size of the images.");
+}
+
 ImageData ReadImage(const FrameImageFile& file, const RigCamera& camera) {
   ImageData data;
   data.camera = MakeCamera(camera, file.camera_idx);
@@ -46,10 +59,12 @@ ImageData ReadImage(const FrameImageFile& file, const RigCamera& camera) {
                      ". Give the images of that resolution, or intrinsics of "
                      "this one.");
   }
-  if (!file.mask_path.empty() &&
-      !data.mask.Read(file.mask_path, /*as_rgb=*/false)) {
-    throw InputError(file.mask_path +
-                     ": cannot read the mask. Replace or remove it.");
+  if (!file.mask_path.empty()) {
+    if (!data.mask.Read(file.mask_path, /*as_rgb=*/false)) {
+      throw InputError(file.mask_path +
+                       ": cannot read the mask. Replace or remove it.");
+    }
+    CheckMaskSize(file.mask_path, data.mask, file.path, data.bitmap);
   }
   data.status = colmap::ImageReader::Status::SUCCESS;
   return data;
@@ -59,11 +74,12 @@ ImageData ReadImage(const FrameImageFile& file, const RigCamera& camera) {
 class FeatureExtraction {
  public:
   FeatureExtraction(const TriangulatorOptions& options, int num_threads)
-      : input_queue_(1), resized_queue_(1) {
-    std::shared_ptr<colmap::Bitmap> camera_mask;
+      : input_queue_(1),
+        resized_queue_(1),
+        camera_mask_path_(options.camera_mask_path) {
     if (!options.camera_mask_path.empty()) {
-      camera_mask = std::make_shared<colmap::Bitmap>();
-      if (!camera_mask->Read(options.camera_mask_path, /*as_rgb=*/false)) {
+      camera_mask_ = std::make_shared<colmap::Bitmap>();
+      if (!camera_mask_->Read(options.camera_mask_path, /*as_rgb=*/false)) {
         throw InputError("--ImageReader.camera_mask_path " +
                          options.camera_mask_path + ": cannot read the mask.");
       }
@@ -74,7 +90,7 @@ class FeatureExtraction {
       extractors_.push_back(
           std::make_unique<colmap::internal::SiftFeatureExtractorThread>(
               options.sift_extraction,
-              camera_mask,
+              camera_mask_,
               &resized_queue_,
               &output_queue_));
     }
@@ -89,13 +105,24 @@ class FeatureExtraction {
     for (const auto& extractor : extractors_) extractor->Wait();
   }
 
-  void Push(ImageData data) { input_queue_.Push(std::move(data)); }
+  // Throws InputError if the mask for all images has another size.
+  void Push(ImageData data) {
+    if (camera_mask_ != nullptr) {
+      CheckMaskSize("--ImageReader.camera_mask_path " + camera_mask_path_,
+                    *camera_mask_,
+                    data.image.Name(),
+                    data.bitmap);
+    }
+    input_queue_.Push(std::move(data));
+  }
   ImageData Pop() { return std::move(output_queue_.Pop().Data()); }
 
  private:
   colmap::JobQueue<ImageData> input_queue_;
   colmap::JobQueue<ImageData> resized_queue_;
   colmap::JobQueue<ImageData> output_queue_;
+  const std::string camera_mask_path_;
+  std::shared_ptr<colmap::Bitmap> camera_mask_;  // null: there is none
   std::unique_ptr<colmap::Thread> resizer_;
   std::vector<std::unique_ptr<colmap::Thread>> extractors_;
 };
@@ -216,7 +243,19 @@ std::string Query(sqlite3* database, const std::string& sql) {
   return text;
 }
 
-// What is wrong with the content, "" if nothing.
+// Condition for rows of the table of cameras that COLMAP can read.
+std::string ReadableCameras() {
+  std::string condition = "0";
+  for (const CameraModel* model : AllCameraModels()) {
+    condition +=
+        " OR (model = " + std::to_string(CameraModelId(*model)) +
+        " AND length(params) = " + std::to_string(8 * model->NumParams()) + ")";
+  }
+  return condition;
+}
+
+// What is wrong with the content, "" if nothing. COLMAP aborts at what it
+// cannot read.
 std::string FindDamage(sqlite3* database) {
   if (Query(database, "PRAGMA quick_check") != "ok") {
     return "it is damaged";
@@ -224,6 +263,11 @@ std::string FindDamage(sqlite3* database) {
   Query(database,
         "SELECT camera_id, model, width, height, params, prior_focal_length "
         "FROM cameras");
+  if (Query(database,
+            "SELECT count(*) FROM cameras WHERE NOT (" + ReadableCameras() +
+                ")") != "0") {
+    return "cameras have an unknown model or not as many parameters as it has";
+  }
   Query(database,
         "SELECT image_id, name, camera_id, prior_qw, prior_qx, prior_qy, "
         "prior_qz, prior_tx, prior_ty, prior_tz FROM images");
@@ -232,6 +276,11 @@ std::string FindDamage(sqlite3* database) {
             "SELECT count(*) FROM keypoints" + kRowsTimesCols +
                 "4 OR cols NOT IN (2, 4, 6)") != "0") {
     return "keypoints do not have the size that their table says";
+  }
+  if (Query(database,
+            "SELECT count(*) FROM images WHERE image_id NOT IN (SELECT "
+            "image_id FROM keypoints)") != "0") {
+    return "an image has no keypoints";
   }
   if (Query(database,
             "SELECT count(*) FROM matches" + kRowsTimesCols +

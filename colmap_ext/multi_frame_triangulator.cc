@@ -36,7 +36,12 @@ Json ReadRecord(const fs::path& folder) {
     return Json::object();
   }
   const Json record = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  return record.is_object() ? record : Json::object();
+  const auto is_text = [&record](const char* key) {
+    return record.contains(key) && record[key].is_string();
+  };
+  return record.is_object() && is_text("inputs") && is_text("database")
+             ? record
+             : Json::object();
 }
 
 Json MakeRecord(const TriangulatorInputs& inputs,
@@ -103,7 +108,8 @@ class FrameOutput {
            << "\n";
       file.close();
       if (!file) throw std::runtime_error("is the disk full?");
-      fs::remove(folder_ / kRecordName);
+      // A model beside a record is one of this command's, finished or not.
+      std::ofstream(folder_ / kRecordName, std::ios::trunc) << "{}\n";
       if (keep_database) {
         fs::rename(DatabasePath(), folder_ / kDatabaseName);
       }
@@ -139,6 +145,12 @@ std::string ProcessFrame(const TriangulatorOptions& options,
   if (!options.overwrite &&
       previous.value("inputs", "") == inputs.fingerprint) {
     return "finished before";
+  }
+  if (fs::exists(folder / "sparse" / "0") &&
+      !fs::exists(folder / kRecordName)) {
+    throw InputError((folder / "sparse" / "0").string() +
+                     " is there, but not from this command: it is not "
+                     "replaced. Move it away, or give another --output_path.");
   }
   const fs::path database_path = folder / kDatabaseName;
   const bool is_own = previous.value("database", "") == "made";

@@ -166,6 +166,9 @@ void TriangulatorOptions::Check() const {
     throw UsageError("--" + prefix +
                      "num_threads must be 1 to 1024, or -1 for all.");
   }
+  // Each octave below 0 takes 4 times the memory.
+  CheckRange(
+      "SiftExtraction.first_octave", sift_extraction.first_octave, -2, 10);
   const double kMax = std::numeric_limits<double>::max();
   CheckRange("Mapper.min_num_matches", min_num_matches, 1, 1e9);
   CheckRange(

@@ -8,6 +8,7 @@
 #include "colmap_ext/compat.h"
 #include "colmap_ext/model_io.h"
 #include "colmap_ext/simulator.h"
+#include "colmap_ext/sqlite_file.h"
 #include "tests/refiner_runner.h"
 #include "tests/test_files.h"
 
@@ -191,10 +192,11 @@ TEST_F(TriangulatorTest, FinishedFramesAreKeptAndUnfinishedOnesRedone) {
   const std::string database = ReadFile(InFrame(kFrame0, "database.db"));
   const std::string points =
       ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin"));
-  // As after a kill: half a model, no record, a rest of the unfinished folder.
+  // As after a kill: half a model, an empty record, a rest of the unfinished
+  // folder.
   WriteFile(InFrame(kFrame0, "sparse/0/points3D.bin"), "half");
   WriteFile(InFrame(kFrame0, ".unfinished/database.db"), "half");
-  fs::remove(InFrame(kFrame0, "triangulation.json"));
+  WriteFile(InFrame(kFrame0, "triangulation.json"), "{\"inputs\": 5}");
   const auto time =
       fs::last_write_time(InFrame(kFrame1, "sparse/0/images.bin"));
   const CommandResult result = Run({{"output_path", Path("frames")}});
@@ -212,6 +214,42 @@ TEST_F(TriangulatorTest, FinishedFramesAreKeptAndUnfinishedOnesRedone) {
   EXPECT_EQ(other.output.find("finished before"), std::string::npos);
   EXPECT_TRUE(ReadFile(InFrame(kFrame0, "database.db")) == database);
   EXPECT_NE(ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin")), points);
+}
+
+TEST_F(TriangulatorTest, ModelsOfOtherProgramsAreNotReplaced) {
+  CopyFrames();
+  fs::remove(InFrame(kFrame0, "triangulation.json"));
+  const std::string points =
+      ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin"));
+  const CommandResult result = Run({{"output_path", Path("frames")},
+                                    {"MultiFrameTriangulator.overwrite", "1"}});
+  EXPECT_EQ(result.exit_code, 0);
+  EXPECT_NE(result.error.find("frame000000/sparse/0 is there, but not from "
+                              "this command"),
+            std::string::npos)
+      << result.error;
+  EXPECT_TRUE(ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin")) == points);
+}
+
+// COLMAP aborts at these.
+TEST_F(TriangulatorTest, DatabasesThatCannotBeRead) {
+  for (const auto& [sql, part] : std::map<std::string, std::string>{
+           {"DELETE FROM keypoints", "an image has no keypoints"},
+           {"UPDATE cameras SET model = 99", "unknown model"},
+           {"UPDATE cameras SET params = x'00'", "parameters"}}) {
+    SCOPED_TRACE(sql);
+    CopyFrames();
+    for (const char* frame : {kFrame0, kFrame1}) {
+      fs::remove_all(InFrame(frame, "sparse"));
+      fs::remove(InFrame(frame, "triangulation.json"));
+      SqliteFile(InFrame(frame, "database.db"), SQLITE_OPEN_READWRITE)
+          .Execute(sql);
+    }
+    const CommandResult result = Run({{"output_path", Path("frames")}});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_NE(result.error.find(part), std::string::npos) << result.error;
+    fs::remove_all(Path("frames"));
+  }
 }
 
 TEST_F(TriangulatorTest, BadFramesDoNotStopTheOthers) {
@@ -341,6 +379,7 @@ TEST_F(TriangulatorTest, BadInputsHaveTheirExitCodes) {
   EXPECT_EQ(run({{"MultiFrameTriangulator.max_view_angle", "0"}}).exit_code, 1);
   EXPECT_EQ(run({{"MultiFrameTriangulator.num_threads", "0"}}).exit_code, 1);
   EXPECT_EQ(run({{"ImageReader.camera_model", "NONE"}}).exit_code, 1);
+  EXPECT_EQ(run({{"SiftExtraction.first_octave", "-5"}}).exit_code, 1);
   EXPECT_EQ(run({{"extrinsics_format", "none"}}).exit_code, 1);
   EXPECT_EQ(run({{"intrinsics_pixel_offset", "inf"}}).exit_code, 1);
   EXPECT_EQ(run({{"image_path", Path("none")}}).exit_code, 2);
@@ -370,6 +409,24 @@ TEST_F(TriangulatorTest, ImagesOfAnotherSizeAreAnError) {
   EXPECT_NE(result.error.find("cam02.png has 140 x 140 pixels"),
             std::string::npos)
       << result.error;
+}
+
+TEST_F(TriangulatorTest, MasksOfAnotherSizeAreAnError) {
+  colmap::Bitmap mask;
+  mask.Allocate(14, 14, /*as_rgb=*/false);
+  mask.Fill(colmap::BitmapColor<uint8_t>(255));
+  fs::create_directories(Path("masks"));
+  ASSERT_TRUE(mask.Write(Path("masks/cam02.png.png")));
+  for (const auto& [option, value] : CommandOptions{
+           {"mask_path", Path("masks")},
+           {"ImageReader.camera_mask_path", Path("masks/cam02.png.png")}}) {
+    const CommandResult result =
+        Run({{"output_path", Path("frames")}, {option, value}});
+    EXPECT_EQ(result.exit_code, 2);
+    EXPECT_NE(result.error.find("cam02.png.png has 14 x 14 pixels"),
+              std::string::npos)
+        << result.error;
+  }
 }
 
 }  // namespace
