@@ -88,10 +88,19 @@ TEST(FixedExtrinsicsRobustness, ObservationsBehindTheCameraTakeNoPart) {
   EXPECT_TRUE(std::isinf(SquaredResiduals(with)[removed]));
 
   const ceres::CauchyLoss loss(1.0);
+  // Unless points may move to where their rays meet: then all take part.
+  Scene moved = with;
+  Scene start = MakeTestScene({}).start;
+  EXPECT_NEAR(SolveFixedExtrinsics(Options(&loss), &moved).final_cost,
+              SolveFixedExtrinsics(Options(&loss), &start).final_cost,
+              1e-9);
+  EXPECT_LT(MaxParamsDifference(moved, start), 1e-9);
+
+  FixedExtrinsicsOptions options = Options(&loss);
+  options.improve_points = false;
   const FixedExtrinsicsSummary expected =
-      SolveFixedExtrinsics(Options(&loss), &without);
-  const FixedExtrinsicsSummary summary =
-      SolveFixedExtrinsics(Options(&loss), &with);
+      SolveFixedExtrinsics(options, &without);
+  const FixedExtrinsicsSummary summary = SolveFixedExtrinsics(options, &with);
   EXPECT_TRUE(summary.converged);
   EXPECT_TRUE(std::isfinite(summary.final_cost));
   EXPECT_NEAR(summary.final_cost, expected.final_cost, 1e-9);
