@@ -10,7 +10,9 @@
 #include <Eigen/Dense>
 #include <Eigen/Eigenvalues>
 
+#include "free_params.h"
 #include "linearization.h"
+#include "normal_equations.h"
 #include "parallel_for.h"
 #include "track_solver.h"
 
@@ -22,7 +24,6 @@ constexpr size_t kMaxChunkBytes = size_t{512} << 20;
 // Damping as a factor on the diagonal of the normal equations; below the
 // smallest value it is off.
 constexpr double kInitialDamping = 1e-4;
-constexpr double kMinDamping = 1e-9;
 constexpr double kMaxDamping = 1e12;
 // What holds a direction, relative to the largest information.
 constexpr double kHoldingFactor = 1e6;
@@ -31,42 +32,6 @@ using ParamsBlock =
     Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, kMaxNumParams, 3>;
 using ParamsBlocks =
     std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>;
-
-// The normal equations of the cameras, hessian * step = -gradient (lower
-// triangle only), and the outer products of the tracks' gradients.
-struct NormalEquations {
-  Eigen::MatrixXd hessian;
-  Eigen::VectorXd gradient;
-  Eigen::MatrixXd gradient_outer;
-
-  void SetZero(Eigen::Index size, bool with_outer) {
-    hessian.setZero(size, size);
-    gradient.setZero(size);
-    if (with_outer) gradient_outer.setZero(size, size);
-  }
-};
-
-// A free parameter of a camera.
-struct Param {
-  enum Type { kFocalLength, kPrincipalPoint, kExtra, kRotation, kCenter };
-  Type type;
-  size_t camera_idx;
-  size_t idx;           // into the intrinsics, or axis of the correction
-  double pixels;        // by which a unit moves the image, about
-  double focal_length;  // of its camera
-  double prior_std;     // 0: no prior
-};
-
-Eigen::Matrix3d ExpRotation(const Eigen::Vector3d& rotation_vector) {
-  const double angle = rotation_vector.norm();
-  if (angle == 0.0) return Eigen::Matrix3d::Identity();
-  return Eigen::AngleAxisd(angle, rotation_vector / angle).toRotationMatrix();
-}
-
-Eigen::Vector3d LogRotation(const Eigen::Matrix3d& rotation) {
-  const Eigen::AngleAxisd angle_axis(rotation);
-  return angle_axis.angle() * angle_axis.axis();
-}
 
 Track::Observation MakeTrackObservation(const Frame& frame,
                                         const Observation& observation) {
@@ -92,12 +57,8 @@ class Solver {
   using States = std::vector<CameraState>;
   using Points = std::vector<Eigen::Vector3d>;
 
-  // Moves points that are behind cameras to where their rays meet, if that is
-  // in front of more of them.
-  void MovePointsToTheFront();
   void CollectTracks();
   void CollectParams();
-  void AddCameraParams(size_t camera_idx);
 
   // Adds one track, its point eliminated; stores what back-substitution needs.
   void EliminateTrack(size_t track_idx,
@@ -105,17 +66,11 @@ class Solver {
                       NormalEquations* equations);
   NormalEquations BuildNormalEquations(Curvature curvature, bool with_outer);
 
-  // (parameter - known) / std of all priors, by free parameter; 0 without.
-  Eigen::VectorXd PriorResiduals(const States& states) const;
   double PriorCost(const States& states) const;
   void AddPriors(bool with_outer, NormalEquations* equations) const;
   // Finds the directions that min_information holds.
   void FindHeldDirections();
 
-  // False if the (damped) system is not positive definite.
-  bool ComputeStep(const NormalEquations& equations,
-                   double damping,
-                   Eigen::VectorXd* step) const;
   // Cost after the step. Each point takes its own step or stays, whichever is
   // better, and moves on to its minimum: what is left to minimize is a function
   // of the cameras alone.
@@ -145,7 +100,7 @@ class Solver {
   // By camera: what is free, and where it starts in the reduced system.
   std::vector<FreeParams> free_params_;
   std::vector<Eigen::Index> offsets_;
-  std::vector<Param> params_;
+  std::vector<FreeParam> params_;
   Eigen::Index num_params_ = 0;
   // Columns: held directions, in pixels.
   Eigen::MatrixXd held_directions_;
@@ -160,7 +115,7 @@ class Solver {
 
 Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
     : options_(options), scene_(scene), states_(CameraStates(*scene)) {
-  if (options_.improve_points) MovePointsToTheFront();
+  if (options_.improve_points) MovePointsToTheFront(states_, scene_);
   CollectTracks();
   CollectParams();
   track_solver_.emplace(
@@ -187,45 +142,6 @@ Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
         3);
   }
   if (options_.min_information > 0.0 && num_params_ > 0) FindHeldDirections();
-}
-
-void Solver::MovePointsToTheFront() {
-  for (Frame& frame : scene_->frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
-      const auto count_in_front = [&](const Eigen::Vector3d& xyz) {
-        size_t count = 0;
-        for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
-             ++k) {
-          const CameraState& state =
-              states_[frame.images[frame.observations[k].image_idx].camera_idx];
-          count += state.rotation.row(2).dot(xyz) + state.translation.z() > 0.0;
-        }
-        return count;
-      };
-      const size_t length = frame.track_begins[i + 1] - frame.track_begins[i];
-      const size_t num_in_front = count_in_front(frame.points[i]);
-      if (num_in_front == length) continue;
-      std::vector<Ray> rays;
-      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
-           ++k) {
-        const Observation& observation = frame.observations[k];
-        const size_t camera_idx =
-            frame.images[observation.image_idx].camera_idx;
-        Ray ray;
-        if (UnprojectRay(*scene_->cameras[camera_idx].model,
-                         states_[camera_idx],
-                         observation.xy,
-                         &ray)) {
-          rays.push_back(ray);
-        }
-      }
-      const std::vector<Eigen::Vector3d> intersections = RayIntersections(rays);
-      if (!intersections.empty() &&
-          count_in_front(intersections[0]) > num_in_front) {
-        frame.points[i] = intersections[0];
-      }
-    }
-  }
 }
 
 void Solver::CollectTracks() {
@@ -269,77 +185,13 @@ void Solver::CollectParams() {
   }
   for (size_t i = 0; i < scene_->cameras.size(); ++i) {
     offsets_.push_back(static_cast<Eigen::Index>(params_.size()));
-    free_params_.emplace_back();
-    if (observed[i]) AddCameraParams(i);
+    const std::vector<FreeParam> camera_params =
+        observed[i] ? FreeParamsOfCamera(options_, *scene_, i)
+                    : std::vector<FreeParam>();
+    free_params_.push_back(ToFreeParams(camera_params));
+    params_.insert(params_.end(), camera_params.begin(), camera_params.end());
   }
   num_params_ = static_cast<Eigen::Index>(params_.size());
-}
-
-void Solver::AddCameraParams(size_t camera_idx) {
-  const RigCamera& camera = scene_->cameras[camera_idx];
-  const CameraModel& model = *camera.model;
-  double uv[2];
-  double xy[2];
-  double jacobian_uv[4];
-  double jacobian[2 * kMaxNumIntrinsics];
-  model.Unproject(camera.params.data(),
-                  static_cast<double>(camera.width),
-                  static_cast<double>(camera.height),
-                  uv);
-  model.ProjectWithJacobian(
-      camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian);
-  const double focal_length = camera.params[model.FocalLengthIdxs()[0]];
-  const auto contains = [](const std::vector<size_t>& idxs, size_t idx) {
-    return std::find(idxs.begin(), idxs.end(), idx) != idxs.end();
-  };
-  const bool constant = !options_.constant_cameras.empty() &&
-                        options_.constant_cameras[camera_idx];
-  FreeParams& free_params = free_params_.back();
-  for (size_t idx = 0; idx < model.NumParams() && !constant; ++idx) {
-    Param param = {Param::kExtra, camera_idx, idx, 1.0, focal_length, 0.0};
-    bool refine = options_.refine_extra_params;
-    if (contains(model.FocalLengthIdxs(), idx)) {
-      param.type = Param::kFocalLength;
-      param.prior_std = options_.focal_std;
-      refine = options_.refine_focal_length;
-    } else if (contains(model.PrincipalPointIdxs(), idx)) {
-      param.type = Param::kPrincipalPoint;
-      param.prior_std = options_.principal_point_std;
-      refine = options_.refine_principal_point;
-    } else {
-      const double pixels =
-          std::hypot(jacobian[idx], jacobian[model.NumParams() + idx]);
-      if (std::isfinite(pixels) && pixels > 0.0) param.pixels = pixels;
-    }
-    if (!refine) continue;
-    free_params.intrinsics_idxs.push_back(idx);
-    params_.push_back(param);
-  }
-  if (options_.rotation_std == 0.0 && options_.center_std == 0.0) return;
-  free_params.pose = true;
-  // A standard deviation of zero means exactly known: a very stiff prior.
-  const double distance =
-      std::max(camera.known_cam_from_world.Center().norm(), 1e-300);
-  const double rotation_std =
-      options_.rotation_std > 0.0 ? options_.rotation_std : 1e-12;
-  const double center_std =
-      options_.center_std > 0.0 ? options_.center_std : 1e-12 * distance;
-  for (size_t axis = 0; axis < 3; ++axis) {
-    params_.push_back({Param::kRotation,
-                       camera_idx,
-                       axis,
-                       focal_length,
-                       focal_length,
-                       rotation_std});
-  }
-  for (size_t axis = 0; axis < 3; ++axis) {
-    params_.push_back({Param::kCenter,
-                       camera_idx,
-                       axis,
-                       focal_length / distance,
-                       focal_length,
-                       center_std});
-  }
 }
 
 template <typename Function>
@@ -420,36 +272,13 @@ NormalEquations Solver::BuildNormalEquations(Curvature curvature,
   return sum;
 }
 
-Eigen::VectorXd Solver::PriorResiduals(const States& states) const {
-  Eigen::VectorXd residuals = Eigen::VectorXd::Zero(num_params_);
-  for (Eigen::Index i = 0; i < num_params_; ++i) {
-    const Param& param = params_[i];
-    if (param.prior_std == 0.0) continue;
-    const RigCamera& camera = scene_->cameras[param.camera_idx];
-    const CameraState& state = states[param.camera_idx];
-    double difference = 0.0;
-    if (param.type == Param::kRotation) {
-      const Eigen::Matrix3d known =
-          camera.known_cam_from_world.rotation.toRotationMatrix();
-      difference = LogRotation(state.rotation * known.transpose())(param.idx);
-    } else if (param.type == Param::kCenter) {
-      const Eigen::Vector3d center =
-          -state.rotation.transpose() * state.translation;
-      difference = (center - camera.known_cam_from_world.Center())(param.idx);
-    } else {
-      difference = state.params[param.idx] - camera.prior_params[param.idx];
-    }
-    residuals(i) = difference / param.prior_std;
-  }
-  return residuals;
-}
-
 double Solver::PriorCost(const States& states) const {
-  return 0.5 * options_.prior_weight * PriorResiduals(states).squaredNorm();
+  return 0.5 * options_.prior_weight *
+         PriorResiduals(params_, *scene_, states).squaredNorm();
 }
 
 void Solver::AddPriors(bool with_outer, NormalEquations* equations) const {
-  const Eigen::VectorXd residuals = PriorResiduals(states_);
+  const Eigen::VectorXd residuals = PriorResiduals(params_, *scene_, states_);
   for (Eigen::Index i = 0; i < num_params_; ++i) {
     const double std = params_[i].prior_std;
     if (std == 0.0) continue;
@@ -497,31 +326,6 @@ void Solver::FindHeldDirections() {
   holding_information_ = kHoldingFactor * information.diagonal().maxCoeff();
 }
 
-bool Solver::ComputeStep(const NormalEquations& equations,
-                         double damping,
-                         Eigen::VectorXd* step) const {
-  // Unit diagonal: parameters of different units become comparable.
-  const Eigen::VectorXd diagonal = equations.hessian.diagonal();
-  const double max_diagonal = diagonal.maxCoeff();
-  if (!(max_diagonal > 0.0) || !diagonal.allFinite()) {
-    return false;
-  }
-  const Eigen::VectorXd scale =
-      diagonal.cwiseMax(1e-28 * max_diagonal).cwiseSqrt().cwiseInverse();
-  Eigen::MatrixXd scaled =
-      scale.asDiagonal() *
-      equations.hessian.selfadjointView<Eigen::Lower>().toDenseMatrix() *
-      scale.asDiagonal();
-  scaled.diagonal().array() += damping >= kMinDamping ? damping : 0.0;
-  const Eigen::LLT<Eigen::MatrixXd> factorization(scaled);
-  if (factorization.info() != Eigen::Success) {
-    return false;
-  }
-  *step = -(scale.asDiagonal() *
-            factorization.solve(scale.asDiagonal() * equations.gradient));
-  return step->allFinite();
-}
-
 Solver::States Solver::AddStep(const Eigen::VectorXd& step) const {
   States states = states_;
   for (size_t i = 0; i < states.size(); ++i) {
@@ -531,11 +335,7 @@ Solver::States Solver::AddStep(const Eigen::VectorXd& step) const {
       state.params[idx] += step(k++);
     }
     if (free_params_[i].pose) {
-      const Eigen::Vector3d center =
-          -state.rotation.transpose() * state.translation +
-          step.segment<3>(k + 3);
-      state.rotation = ExpRotation(step.segment<3>(k)) * state.rotation;
-      state.translation = -state.rotation * center;
+      MovePose(step.segment<3>(k), step.segment<3>(k + 3), &state);
     }
   }
   return states;
@@ -544,8 +344,8 @@ Solver::States Solver::AddStep(const Eigen::VectorXd& step) const {
 double Solver::TryStep(const Eigen::VectorXd& step,
                        const States& new_states,
                        Points* new_points) const {
-  for (const Param& param : params_) {
-    if (param.type != Param::kFocalLength) continue;
+  for (const FreeParam& param : params_) {
+    if (param.type != FreeParam::kFocalLength) continue;
     // A focal length that more than halves or doubles has left the region in
     // which the linearization means anything.
     const double ratio = new_states[param.camera_idx].params[param.idx] /
@@ -621,10 +421,10 @@ bool Solver::IsSmall(const Eigen::VectorXd& step, double* focal_change) const {
   double max_change = 0.0;
   *focal_change = 0.0;
   for (Eigen::Index i = 0; i < num_params_; ++i) {
-    const Param& param = params_[i];
+    const FreeParam& param = params_[i];
     const double change = std::abs(step(i)) * param.pixels / param.focal_length;
     max_change = std::max(max_change, change);
-    if (param.type == Param::kFocalLength) {
+    if (param.type == FreeParam::kFocalLength) {
       *focal_change = std::max(*focal_change, change);
     }
   }
@@ -634,56 +434,15 @@ bool Solver::IsSmall(const Eigen::VectorXd& step, double* focal_change) const {
 Eigen::MatrixXd Solver::Covariance() {
   // Of a held direction it is only known that the data say less than this.
   holding_information_ = options_.min_information * options_.prior_weight;
-  NormalEquations equations = BuildNormalEquations(Curvature::kNewton, true);
-  const Eigen::VectorXd scale =
-      equations.hessian.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const auto scaled_hessian = [&]() -> Eigen::MatrixXd {
-    return scale.asDiagonal() *
-           equations.hessian.selfadjointView<Eigen::Lower>().toDenseMatrix() *
-           scale.asDiagonal();
-  };
-  Eigen::LLT<Eigen::MatrixXd> factorization(scaled_hessian());
-  if (factorization.info() != Eigen::Success) {
-    equations = BuildNormalEquations(Curvature::kReweighted, true);
-    factorization.compute(scaled_hessian());
+  Eigen::MatrixXd free_covariance;
+  if (!SandwichCovariance(BuildNormalEquations(Curvature::kNewton, true),
+                          &free_covariance) &&
+      !SandwichCovariance(BuildNormalEquations(Curvature::kReweighted, true),
+                          &free_covariance)) {
+    free_covariance.setConstant(
+        num_params_, num_params_, std::numeric_limits<double>::quiet_NaN());
   }
-  Eigen::MatrixXd free_covariance(num_params_, num_params_);
-  if (factorization.info() != Eigen::Success) {
-    free_covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
-  } else {
-    const Eigen::MatrixXd outer =
-        equations.gradient_outer.selfadjointView<Eigen::Lower>();
-    const Eigen::MatrixXd half =
-        factorization.solve(scale.asDiagonal() * outer * scale.asDiagonal());
-    free_covariance = scale.asDiagonal() *
-                      factorization.solve(half.transpose()) *
-                      scale.asDiagonal();
-  }
-
-  // From free intrinsics to all intrinsics.
-  std::vector<Eigen::Index> camera_begins;
-  Eigen::Index num_intrinsics = 0;
-  for (const RigCamera& camera : scene_->cameras) {
-    camera_begins.push_back(num_intrinsics);
-    num_intrinsics += static_cast<Eigen::Index>(camera.params.size());
-  }
-  std::vector<Eigen::Index> targets;
-  for (const Param& param : params_) {
-    const bool is_pose =
-        param.type == Param::kRotation || param.type == Param::kCenter;
-    targets.push_back(is_pose ? -1
-                              : camera_begins[param.camera_idx] +
-                                    static_cast<Eigen::Index>(param.idx));
-  }
-  Eigen::MatrixXd covariance =
-      Eigen::MatrixXd::Zero(num_intrinsics, num_intrinsics);
-  for (Eigen::Index i = 0; i < num_params_; ++i) {
-    for (Eigen::Index j = 0; j < num_params_; ++j) {
-      if (targets[i] < 0 || targets[j] < 0) continue;
-      covariance(targets[i], targets[j]) = free_covariance(i, j);
-    }
-  }
-  return covariance;
+  return IntrinsicsCovariance(params_, *scene_, free_covariance);
 }
 
 void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {

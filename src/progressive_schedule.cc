@@ -9,6 +9,7 @@
 
 #include "errors.h"
 #include "featuremetric_residual.h"
+#include "free_params.h"
 #include "priors.h"
 #include "refinement.h"
 
@@ -16,27 +17,6 @@ namespace mfir {
 namespace {
 
 constexpr double kFunctionTolerance = 1e-6;
-
-// Pixels by which a unit of each distortion coefficient moves the image corner.
-std::vector<double> PixelScales(const RigCamera& camera) {
-  const size_t num_params = camera.model->NumParams();
-  double uv[2];
-  double xy[2];
-  double jacobian_uv[4];
-  std::vector<double> jacobian(2 * num_params);
-  camera.model->Unproject(camera.params.data(),
-                          static_cast<double>(camera.width),
-                          static_cast<double>(camera.height),
-                          uv);
-  camera.model->ProjectWithJacobian(
-      camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian.data());
-  std::vector<double> scales(num_params, 1.0);
-  for (const size_t idx : camera.model->ExtraParamsIdxs()) {
-    const double scale = std::hypot(jacobian[idx], jacobian[num_params + idx]);
-    if (std::isfinite(scale) && scale > 0.0) scales[idx] = scale;
-  }
-  return scales;
-}
 
 }  // namespace
 

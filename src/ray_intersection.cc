@@ -83,4 +83,44 @@ std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays) {
   return intersections;
 }
 
+void MovePointsToTheFront(const std::vector<CameraState>& states,
+                          Scene* scene) {
+  for (Frame& frame : scene->frames) {
+    for (size_t i = 0; i < frame.points.size(); ++i) {
+      const auto count_in_front = [&](const Eigen::Vector3d& xyz) {
+        size_t count = 0;
+        for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+             ++k) {
+          const CameraState& state =
+              states[frame.images[frame.observations[k].image_idx].camera_idx];
+          count += state.rotation.row(2).dot(xyz) + state.translation.z() > 0.0;
+        }
+        return count;
+      };
+      const size_t length = frame.track_begins[i + 1] - frame.track_begins[i];
+      const size_t num_in_front = count_in_front(frame.points[i]);
+      if (num_in_front == length) continue;
+      std::vector<Ray> rays;
+      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
+           ++k) {
+        const Observation& observation = frame.observations[k];
+        const size_t camera_idx =
+            frame.images[observation.image_idx].camera_idx;
+        Ray ray;
+        if (UnprojectRay(*scene->cameras[camera_idx].model,
+                         states[camera_idx],
+                         observation.xy,
+                         &ray)) {
+          rays.push_back(ray);
+        }
+      }
+      const std::vector<Eigen::Vector3d> intersections = RayIntersections(rays);
+      if (!intersections.empty() &&
+          count_in_front(intersections[0]) > num_in_front) {
+        frame.points[i] = intersections[0];
+      }
+    }
+  }
+}
+
 }  // namespace mfir

@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 
 #include "linearization.h"
+#include "scene.h"
 
 namespace mfir {
 
@@ -35,5 +36,9 @@ inline bool UnprojectRay(const CameraModel& model,
 // closest to pairs of rays (all pairs of few rays, each ray in two pairs of
 // many). Parallel rays give none.
 std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays);
+
+// Moves points that are behind cameras to where their rays meet, if that is in
+// front of more of them. `states`: of the rig's cameras.
+void MovePointsToTheFront(const std::vector<CameraState>& states, Scene* scene);
 
 }  // namespace mfir

@@ -1,0 +1,152 @@
+#include "free_params.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+namespace mfir {
+namespace {
+
+Eigen::Matrix3d ExpRotation(const Eigen::Vector3d& rotation_vector) {
+  const double angle = rotation_vector.norm();
+  if (angle == 0.0) return Eigen::Matrix3d::Identity();
+  return Eigen::AngleAxisd(angle, rotation_vector / angle).toRotationMatrix();
+}
+
+Eigen::Vector3d LogRotation(const Eigen::Matrix3d& rotation) {
+  const Eigen::AngleAxisd angle_axis(rotation);
+  return angle_axis.angle() * angle_axis.axis();
+}
+
+}  // namespace
+
+std::vector<double> PixelScales(const RigCamera& camera) {
+  const size_t num_params = camera.model->NumParams();
+  double uv[2];
+  double xy[2];
+  double jacobian_uv[4];
+  std::vector<double> jacobian(2 * num_params);
+  camera.model->Unproject(camera.params.data(),
+                          static_cast<double>(camera.width),
+                          static_cast<double>(camera.height),
+                          uv);
+  camera.model->ProjectWithJacobian(
+      camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian.data());
+  std::vector<double> scales(num_params, 1.0);
+  for (const size_t idx : camera.model->ExtraParamsIdxs()) {
+    const double scale = std::hypot(jacobian[idx], jacobian[num_params + idx]);
+    if (std::isfinite(scale) && scale > 0.0) scales[idx] = scale;
+  }
+  return scales;
+}
+
+std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
+                                          const Scene& scene,
+                                          size_t camera_idx) {
+  const RigCamera& camera = scene.cameras[camera_idx];
+  const CameraModel& model = *camera.model;
+  const std::vector<double> pixel_scales = PixelScales(camera);
+  const double focal_length = camera.params[model.FocalLengthIdxs()[0]];
+  const auto contains = [](const std::vector<size_t>& idxs, size_t idx) {
+    return std::find(idxs.begin(), idxs.end(), idx) != idxs.end();
+  };
+  const bool constant =
+      !options.constant_cameras.empty() && options.constant_cameras[camera_idx];
+  std::vector<FreeParam> params;
+  for (size_t idx = 0; idx < model.NumParams() && !constant; ++idx) {
+    FreeParam param = {FreeParam::kExtra,
+                       camera_idx,
+                       idx,
+                       pixel_scales[idx],
+                       focal_length,
+                       0.0};
+    bool refine = options.refine_extra_params;
+    if (contains(model.FocalLengthIdxs(), idx)) {
+      param.type = FreeParam::kFocalLength;
+      param.prior_std = options.focal_std;
+      refine = options.refine_focal_length;
+    } else if (contains(model.PrincipalPointIdxs(), idx)) {
+      param.type = FreeParam::kPrincipalPoint;
+      param.prior_std = options.principal_point_std;
+      refine = options.refine_principal_point;
+    }
+    if (refine) params.push_back(param);
+  }
+  if (options.rotation_std == 0.0 && options.center_std == 0.0) return params;
+  // A standard deviation of zero means exactly known: a very stiff prior.
+  const double distance =
+      std::max(camera.known_cam_from_world.Center().norm(), 1e-300);
+  const double rotation_std =
+      options.rotation_std > 0.0 ? options.rotation_std : 1e-12;
+  const double center_std =
+      options.center_std > 0.0 ? options.center_std : 1e-12 * distance;
+  for (size_t axis = 0; axis < 3; ++axis) {
+    params.push_back({FreeParam::kRotation,
+                      camera_idx,
+                      axis,
+                      focal_length,
+                      focal_length,
+                      rotation_std});
+  }
+  for (size_t axis = 0; axis < 3; ++axis) {
+    params.push_back({FreeParam::kCenter,
+                      camera_idx,
+                      axis,
+                      focal_length / distance,
+                      focal_length,
+                      center_std});
+  }
+  return params;
+}
+
+FreeParams ToFreeParams(const std::vector<FreeParam>& camera_params) {
+  FreeParams free_params;
+  for (const FreeParam& param : camera_params) {
+    if (param.type == FreeParam::kRotation ||
+        param.type == FreeParam::kCenter) {
+      free_params.pose = true;
+    } else {
+      free_params.intrinsics_idxs.push_back(param.idx);
+    }
+  }
+  return free_params;
+}
+
+Eigen::VectorXd PriorResiduals(const std::vector<FreeParam>& params,
+                               const Scene& scene,
+                               const std::vector<CameraState>& states) {
+  const Eigen::Index num_params = static_cast<Eigen::Index>(params.size());
+  Eigen::VectorXd residuals = Eigen::VectorXd::Zero(num_params);
+  for (Eigen::Index i = 0; i < num_params; ++i) {
+    const FreeParam& param = params[i];
+    if (param.prior_std == 0.0) continue;
+    const RigCamera& camera = scene.cameras[param.camera_idx];
+    const CameraState& state = states[param.camera_idx];
+    double difference = 0.0;
+    if (param.type == FreeParam::kRotation) {
+      const Eigen::Matrix3d known =
+          camera.known_cam_from_world.rotation.toRotationMatrix();
+      difference = LogRotation(state.rotation * known.transpose())(param.idx);
+    } else if (param.type == FreeParam::kCenter) {
+      const Eigen::Vector3d center =
+          -state.rotation.transpose() * state.translation;
+      difference = (center - camera.known_cam_from_world.Center())(param.idx);
+    } else {
+      difference = state.params[param.idx] - camera.prior_params[param.idx];
+    }
+    residuals(i) = difference / param.prior_std;
+  }
+  return residuals;
+}
+
+void MovePose(const Eigen::Vector3d& rotation,
+              const Eigen::Vector3d& center_shift,
+              CameraState* state) {
+  const Eigen::Vector3d center =
+      -state->rotation.transpose() * state->translation + center_shift;
+  state->rotation = ExpRotation(rotation) * state->rotation;
+  state->translation = -state->rotation * center;
+}
+
+}  // namespace mfir
