@@ -17,6 +17,9 @@ namespace mfir {
 namespace {
 
 constexpr double kFunctionTolerance = 1e-6;
+// Threads of Ceres add in the order in which they finish: with more than one,
+// no two runs would give the same bytes.
+constexpr int kNumThreads = 1;
 
 }  // namespace
 
@@ -215,14 +218,14 @@ ceres::Problem::EvaluateOptions ProgressiveSchedule::EvaluateOptions(
     const Term& term) const {
   ceres::Problem::EvaluateOptions evaluate_options;
   evaluate_options.residual_blocks = term.blocks;
-  evaluate_options.num_threads = options_.EffectiveNumThreads();
+  evaluate_options.num_threads = kNumThreads;
   return evaluate_options;
 }
 
 void ProgressiveSchedule::SetSolverOptions(
     ceres::Solver::Options* solver_options) const {
   solver_options->max_num_iterations = options_.max_num_iterations;
-  solver_options->num_threads = options_.EffectiveNumThreads();
+  solver_options->num_threads = kNumThreads;
   solver_options->function_tolerance = kFunctionTolerance;
   // With the points eliminated first, a sparse factorization of the rest takes
   // each frame's cameras before the globals, through which alone the frames

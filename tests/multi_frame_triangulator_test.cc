@@ -129,7 +129,10 @@ TEST_F(TriangulatorTest, IntrinsicsOfDistortedCamerasComeOutOfImages) {
                                           "--output_path",
                                           Path("out"),
                                           "--MultiFrame.num_threads",
-                                          "1"},
+                                          "1",
+                                          // See retriangulation_test.
+                                          "--MultiFrame.retriangulation_rounds",
+                                          "0"},
                                          300);
   ASSERT_EQ(result.exit_code, 0) << result.error;
   ASSERT_EQ(RunColmap({"multi_frame_evaluator",
