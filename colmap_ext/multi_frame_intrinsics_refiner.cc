@@ -334,15 +334,19 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
                       ? "contradicting_extrinsics"
                   : result.refinement.converged ? "converged"
                                                 : "not_converged";
-  progress.Log(colmap::StringPrintf(
-      "%s: rms %.3f px before, %.3f px after, %.3f px held out; noise %.3f px, "
-      "outliers %.1f %%",
-      result.status.c_str(),
-      result.rms_px_before.back(),
-      result.rms_px_after.back(),
-      result.held_out_rms_px,
-      result.refinement.noise_std_px,
-      100.0 * result.refinement.outlier_share));
+  const std::string held_out_rms =
+      std::isfinite(result.held_out_rms_px)
+          ? colmap::StringPrintf("%.3f px held out, ", result.held_out_rms_px)
+          : "";
+  progress.Log(
+      colmap::StringPrintf("%s: rms %.3f px before, %.3f px after, %snoise "
+                           "%.3f px, outliers %.1f %%",
+                           result.status.c_str(),
+                           result.rms_px_before.back(),
+                           result.rms_px_after.back(),
+                           held_out_rms.c_str(),
+                           result.refinement.noise_std_px,
+                           100.0 * result.refinement.outlier_share));
 
   progress.Heading("Writing result");
   result.cameras =
