@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "median.h"
+
 namespace mfir {
 namespace {
 
@@ -27,12 +29,6 @@ struct PosePair {
   Eigen::Vector3d target_center;
 };
 
-double Median(std::vector<double> values) {
-  std::nth_element(
-      values.begin(), values.begin() + values.size() / 2, values.end());
-  return values[values.size() / 2];
-}
-
 // The centres without those that are absurdly far from the others: one wrong
 // coordinate must not set the scale of all.
 std::vector<Eigen::Vector3d> WithoutFarCenters(
@@ -44,13 +40,13 @@ std::vector<Eigen::Vector3d> WithoutFarCenters(
     for (const Eigen::Vector3d& center : centers) {
       coordinates.push_back(center(axis));
     }
-    middle(axis) = Median(coordinates);
+    middle(axis) = UpperMedian(coordinates);
   }
   std::vector<double> distances;
   for (const Eigen::Vector3d& center : centers) {
     distances.push_back((center - middle).norm());
   }
-  const double max_distance = kMaxDistance * Median(distances);
+  const double max_distance = kMaxDistance * UpperMedian(distances);
   std::vector<Eigen::Vector3d> near;
   for (size_t i = 0; i < centers.size(); ++i) {
     // All, where more than half of the centres coincide.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "median.h"
+
 namespace mfir {
 namespace {
 
@@ -26,21 +28,13 @@ bool FocalLengthHasRunAway(const RigCamera& camera,
   });
 }
 
-// NaN if there is none.
-double Median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  const auto middle = values.begin() + values.size() / 2;
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 // Of the cameras with observations.
 double MedianOfValid(const std::vector<double>& values) {
   std::vector<double> valid;
   for (const double value : values) {
     if (!std::isnan(value)) valid.push_back(value);
   }
-  return Median(valid);
+  return UpperMedian(valid);
 }
 
 }  // namespace
@@ -57,7 +51,7 @@ std::vector<double> RobustStdByCamera(
   }
   std::vector<double> stds_px;
   for (const std::vector<double>& squared : by_camera) {
-    stds_px.push_back(std::sqrt(Median(squared) / (2.0 * std::log(2.0))));
+    stds_px.push_back(std::sqrt(UpperMedian(squared) / (2.0 * std::log(2.0))));
   }
   return stds_px;
 }

@@ -10,6 +10,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "half_float.h"
+#include "median.h"
 #include "parallel_for.h"
 
 namespace mfir {
@@ -35,12 +36,6 @@ FitMatrix MakeFitMatrix() {
     }
   }
   return (basis.transpose() * basis).inverse() * basis.transpose();
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + values.size() / 2;
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 struct FoundMinimum {
@@ -153,7 +148,7 @@ void FindFeatureKeypoints(int num_threads, Scene* scene) {
   }
   if (squared_distances.empty()) return;
   const double typical_distance =
-      std::max(Median(std::move(squared_distances)), 1e-12);
+      std::max(UpperMedian(std::move(squared_distances)), 1e-12);
   const auto information = [&](const CostMapMinimum& minimum) {
     const double noise = minimum.min_squared_distance + typical_distance;
     return Eigen::Matrix2d(minimum.sharpness / noise);
@@ -164,7 +159,7 @@ void FindFeatureKeypoints(int num_threads, Scene* scene) {
       informations.push_back(0.5 * information(found.minimum).trace());
     }
   }
-  const double typical = Median(std::move(informations));
+  const double typical = UpperMedian(std::move(informations));
   for (size_t i = 0; i < scene->frames.size(); ++i) {
     Frame& frame = scene->frames[i];
     if (frame.cost_maps == nullptr) continue;
