@@ -4,9 +4,10 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <mutex>
 
 #include "src/epipolar_tolerance.h"
+#include "src/guided_matching.h"
+#include "src/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -19,8 +20,6 @@ constexpr size_t kMinInliersOfOwnTolerance = 30;
 constexpr double kMaxFalsePairs = 1e-3;
 // Random pairs of keypoints per match, to learn how wrong matches look.
 constexpr size_t kNumShifts = 20;
-// Pairs of keypoints of two images: 400 MB in guided matching.
-constexpr size_t kLargePair = 20000000;
 
 struct ImagePair {
   const DatabaseImage* image1 = nullptr;
@@ -175,19 +174,6 @@ void SelectInliers(const TriangulatorOptions& options,
                pairs->end());
 }
 
-// Keypoints as a pinhole camera with the same focal length has them: guided
-// matching works with straight epipolar lines.
-colmap::FeatureKeypoints PinholeKeypoints(const DatabaseImage& image,
-                                          double focal_length) {
-  colmap::FeatureKeypoints keypoints;
-  for (const Eigen::Vector3d& ray : image.rays) {
-    const Eigen::Vector2d xy = focal_length * ray.hnormalized();
-    keypoints.emplace_back(static_cast<float>(xy.x()),
-                           static_cast<float>(xy.y()));
-  }
-  return keypoints;
-}
-
 // Of other extractors' databases some have no descriptors, or such that
 // COLMAP's matching cannot take.
 bool HasSiftDescriptors(const DatabaseImage& image,
@@ -197,56 +183,43 @@ bool HasSiftDescriptors(const DatabaseImage& image,
 }
 
 // Matches again with only the keypoints near the epipolar line as candidates.
-void MatchGuided(const TriangulatorOptions& options,
-                 const std::vector<RigCamera>& cameras,
-                 const colmap::Database& database,
-                 int num_threads,
-                 std::vector<ImagePair>* pairs) {
+void MatchPairsGuided(const TriangulatorOptions& options,
+                      const std::vector<RigCamera>& cameras,
+                      const colmap::Database& database,
+                      int num_threads,
+                      std::vector<ImagePair>* pairs) {
   std::map<const DatabaseImage*, colmap::FeatureDescriptors> descriptors;
-  std::map<const DatabaseImage*, colmap::FeatureKeypoints> keypoints;
   for (const ImagePair& pair : *pairs) {
     for (const DatabaseImage* image : {pair.image1, pair.image2}) {
-      if (keypoints.count(image) > 0) continue;
-      keypoints[image] =
-          PinholeKeypoints(*image, MeanFocalLength(cameras[image->camera_idx]));
+      if (descriptors.count(image) > 0) continue;
       descriptors[image] = database.ReadDescriptors(image->image_id);
     }
   }
-  colmap::ThreadPool pool(num_threads);
-  for (ImagePair& pair : *pairs) {
+  const auto features = [&](const DatabaseImage& image) {
+    const RigCamera& camera = cameras[image.camera_idx];
+    return ImageFeatures{camera.cam_from_world,
+                         MeanFocalLength(camera),
+                         &image.rays,
+                         descriptors.at(&image).data()};
+  };
+  ParallelFor(pairs->size(), num_threads, [&](size_t i) {
+    ImagePair& pair = (*pairs)[i];
     if (!HasSiftDescriptors(*pair.image1, descriptors.at(pair.image1)) ||
         !HasSiftDescriptors(*pair.image2, descriptors.at(pair.image2))) {
-      continue;
+      return;
     }
-    pool.AddTask([&options, &cameras, &descriptors, &keypoints, &pair]() {
-      const double f1 = MeanFocalLength(cameras[pair.image1->camera_idx]);
-      const double f2 = MeanFocalLength(cameras[pair.image2->camera_idx]);
-      colmap::TwoViewGeometry geometry;
-      geometry.config = colmap::TwoViewGeometry::CALIBRATED;
-      geometry.F = Eigen::Vector3d(1.0, 1.0, f2).asDiagonal() *
-                   pair.essential_matrix *
-                   Eigen::Vector3d(1.0, 1.0, f1).asDiagonal();
-      colmap::SiftMatchingOptions matching = options.sift_matching;
-      matching.max_error = pair.tolerance;
-      // COLMAP holds five numbers per pair of keypoints: only one large pair of
-      // images at a time, over all frames.
-      static std::mutex large_pair_mutex;
-      std::unique_lock<std::mutex> lock(large_pair_mutex, std::defer_lock);
-      if (pair.image1->rays.size() * pair.image2->rays.size() > kLargePair) {
-        lock.lock();
-      }
-      colmap::MatchGuidedSiftFeaturesCPU(matching,
-                                         keypoints.at(pair.image1),
-                                         keypoints.at(pair.image2),
-                                         descriptors.at(pair.image1),
-                                         descriptors.at(pair.image2),
-                                         &geometry);
-      if (geometry.inlier_matches.size() > pair.inlier_matches.size()) {
-        pair.inlier_matches = geometry.inlier_matches;
-      }
-    });
-  }
-  pool.Wait();
+    const auto matches = MatchGuided({pair.tolerance,
+                                      options.sift_matching.max_distance,
+                                      options.sift_matching.max_ratio,
+                                      options.sift_matching.cross_check},
+                                     features(*pair.image1),
+                                     features(*pair.image2));
+    if (matches.size() <= pair.inlier_matches.size()) return;
+    pair.inlier_matches.clear();
+    for (const auto& [idx1, idx2] : matches) {
+      pair.inlier_matches.emplace_back(idx1, idx2);
+    }
+  });
 }
 
 void WriteTwoViewGeometries(const std::vector<RigCamera>& cameras,
@@ -300,7 +273,7 @@ void VerifyMatches(const TriangulatorOptions& options,
   SetTolerances(&pairs);
   SelectInliers(options, &pairs);
   if (options.sift_matching.guided_matching) {
-    MatchGuided(options, cameras, database, num_threads, &pairs);
+    MatchPairsGuided(options, cameras, database, num_threads, &pairs);
   }
   WriteTwoViewGeometries(cameras, pairs, database);
   std::vector<double> tolerances;
