@@ -166,6 +166,12 @@ void ForgetPoints(colmap::Reconstruction* reconstruction) {
   }
 }
 
+bool EndsWithLineBreak(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  return file && file.tellg() > 0 && file.seekg(-1, std::ios::end) &&
+         file.get() == '\n';
+}
+
 // Sub-folders of `path` whose names are numbers, in the order of the numbers.
 std::vector<fs::path> NumberedFolders(const fs::path& path) {
   std::vector<std::string> names;
@@ -243,6 +249,36 @@ void ReadModel(const std::string& path,
   }
   CheckModelValues(files, model);
   *reconstruction = std::move(model);
+}
+
+void WriteModel(const std::string& path,
+                bool with_text,
+                const colmap::Reconstruction& reconstruction) {
+  const fs::path folder = path;
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    throw OutputError(path + ": cannot make the folder: " + error.message() +
+                      ".");
+  }
+  reconstruction.WriteBinary(path);
+  if (with_text) {
+    reconstruction.WriteText(path);
+  }
+  try {
+    CheckBinaryModel({true,
+                      (folder / "cameras.bin").string(),
+                      (folder / "images.bin").string(),
+                      (folder / "points3D.bin").string()});
+  } catch (const InputError& error) {
+    throw OutputError("The model just written to " + path +
+                      " is not complete: " + error.what() +
+                      " Is the disk full?");
+  }
+  if (with_text && !EndsWithLineBreak(folder / "images.txt")) {
+    throw OutputError("The model just written to " + path +
+                      " is not complete. Is the disk full?");
+  }
 }
 
 }  // namespace mfir

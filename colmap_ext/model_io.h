@@ -1,5 +1,6 @@
-// COLMAP models on disk: finding them, and reading them with COLMAP's reader
-// such that bad files end in a message instead of an abort.
+// COLMAP models on disk: finding them, reading them with COLMAP's reader such
+// that bad files end in a message instead of an abort, and writing them such
+// that a full disk is noticed.
 
 #pragma once
 
@@ -38,5 +39,13 @@ std::string FindSparseModel(const std::string& frame_path);
 void ReadModel(const std::string& path,
                bool require_points,
                colmap::Reconstruction* reconstruction);
+
+// Writes a binary model, and with `with_text` a text model too, to the folder
+// `path`, which is made. COLMAP 3.8 does not check its writes, so the files are
+// checked afterwards. Throws OutputError if the folder cannot be made or the
+// files are not complete.
+void WriteModel(const std::string& path,
+                bool with_text,
+                const colmap::Reconstruction& reconstruction);
 
 }  // namespace mfir

@@ -11,7 +11,7 @@
 #include "colmap_ext/command.h"
 #include "colmap_ext/frame_database.h"
 #include "colmap_ext/frame_triangulation.h"
-#include "colmap_ext/model_check.h"
+#include "colmap_ext/model_io.h"
 #include "colmap_ext/parallel_log.h"
 #include "colmap_ext/triangulator_inputs.h"
 #include "colmap_ext/triangulator_options.h"
@@ -74,7 +74,7 @@ class FrameOutput {
       : folder_(folder), unfinished_(folder / kUnfinishedName) {
     Try([this]() {
       fs::remove_all(unfinished_);
-      fs::create_directories(unfinished_ / "sparse" / "0");
+      fs::create_directories(unfinished_);
     });
   }
   ~FrameOutput() {
@@ -87,18 +87,8 @@ class FrameOutput {
     return (unfinished_ / kDatabaseName).string();
   }
 
-  void WriteModel(const colmap::Reconstruction& model) const {
-    const fs::path path = unfinished_ / "sparse" / "0";
-    model.WriteBinary(path.string());
-    try {
-      CheckBinaryModel({true,
-                        (path / "cameras.bin").string(),
-                        (path / "images.bin").string(),
-                        (path / "points3D.bin").string()});
-    } catch (const InputError& error) {
-      throw OutputError("The model just written is not complete: " +
-                        std::string(error.what()) + " Is the disk full?");
-    }
+  std::string ModelPath() const {
+    return (unfinished_ / "sparse" / "0").string();
   }
 
   void Finish(bool keep_database, const Json& record) const {
@@ -176,14 +166,16 @@ std::string ProcessFrame(const TriangulatorOptions& options,
   }
   {
     colmap::Database database(output.DatabasePath());
-    output.WriteModel(TriangulateFrame(options,
-                                       inputs.naming,
-                                       inputs.cameras,
-                                       num_threads,
-                                       &database,
-                                       &statistics,
-                                       &timings,
-                                       &frame->warnings));
+    WriteModel(output.ModelPath(),
+               /*with_text=*/false,
+               TriangulateFrame(options,
+                                inputs.naming,
+                                inputs.cameras,
+                                num_threads,
+                                &database,
+                                &statistics,
+                                &timings,
+                                &frame->warnings));
   }
   output.Finish(make_database,
                 MakeRecord(inputs,

@@ -8,7 +8,7 @@
 #include <fstream>
 
 #include "colmap_ext/camera_models.h"
-#include "colmap_ext/model_check.h"
+#include "colmap_ext/model_io.h"
 #include "src/errors.h"
 
 namespace mfir {
@@ -40,37 +40,6 @@ void WriteTextFile(const fs::path& path, const std::string& text) {
   if (!file) {
     throw OutputError(path.string() +
                       ": cannot write the file. Is the disk full?");
-  }
-}
-
-bool EndsWithLineBreak(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  return file && file.tellg() > 0 && file.seekg(-1, std::ios::end) &&
-         file.get() == '\n';
-}
-
-// COLMAP 3.8 does not check its writes; its files are checked afterwards.
-void WriteModel(const fs::path& path,
-                bool with_text,
-                const colmap::Reconstruction& reconstruction) {
-  fs::create_directories(path);
-  reconstruction.WriteBinary(path.string());
-  if (with_text) {
-    reconstruction.WriteText(path.string());
-  }
-  try {
-    CheckBinaryModel({true,
-                      (path / "cameras.bin").string(),
-                      (path / "images.bin").string(),
-                      (path / "points3D.bin").string()});
-  } catch (const InputError& error) {
-    throw OutputError("The model just written to " + path.string() +
-                      " is not complete: " + error.what() +
-                      " Is the disk full?");
-  }
-  if (with_text && !EndsWithLineBreak(path / "images.txt")) {
-    throw OutputError("The model just written to " + path.string() +
-                      " is not complete. Is the disk full?");
   }
 }
 
@@ -405,13 +374,17 @@ WrittenResult WriteResult(const OptionParser& options,
   WrittenResult written;
   const fs::path& path = output->TemporaryPath();
   try {
-    WriteModel(path / "rig", true, MakeRigModel(result.cameras));
+    WriteModel((path / "rig").string(), true, MakeRigModel(result.cameras));
     if (result.soft_extrinsics) {
-      WriteModel(path / "rig_given", true, MakeRigModel(GivenCameras(result)));
+      WriteModel((path / "rig_given").string(),
+                 true,
+                 MakeRigModel(GivenCameras(result)));
     }
     for (const FrameModel& model : result.capture->frames) {
       if (model.skip_reason.empty()) {
-        WriteModel(path / "frames" / model.name, false, *model.reconstruction);
+        WriteModel((path / "frames" / model.name).string(),
+                   false,
+                   *model.reconstruction);
       }
     }
     for (const std::string& name :

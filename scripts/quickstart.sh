@@ -1,6 +1,7 @@
 #!/bin/bash
-# Sets up this machine as far as needed, builds the colmap program, and runs the
-# main job on a simulated capture whose true intrinsics are known exactly.
+# Sets up this machine as far as needed, builds the colmap program, and goes from
+# images and drifted intrinsics to refined ones, on a simulated capture whose true
+# intrinsics are known exactly.
 set -euo pipefail
 # shellcheck source=scripts/common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
@@ -9,9 +10,9 @@ usage() {
   cat <<USAGE
 Usage: scripts/quickstart.sh [OPTIONS]
 
-Installs missing packages, builds the colmap program, simulates a capture of a
-camera array, refines its intrinsics, and compares them with the true ones
-before and after.
+Installs missing packages, builds the colmap program, simulates the images of a
+camera array, triangulates frames from them with the known extrinsics, refines
+the intrinsics, and compares them with the true ones before and after.
 
 Options:
   --output_path DIR    where to write (default: quickstart in the build folder)
@@ -47,6 +48,7 @@ set_up colmap_exe
 colmap=$BUILD_PATH/bin/colmap
 output_path=${output_path:-$BUILD_PATH/quickstart}
 capture=$output_path/capture
+frames=$output_path/frames
 refined=$output_path/refined
 before=$output_path/evaluation_before.json
 after=$output_path/evaluation_after.json
@@ -54,16 +56,19 @@ make_folder "$output_path" --output_path
 
 # A capture made by this very program would come out the same again.
 if [[ ! $capture -nt $colmap ]]; then
+  rm -rf "$frames"
   "$colmap" multi_frame_simulator --output_path "$capture" --Simulator.overwrite 1 ||
     die "the simulation failed with exit code $?, see above"
 fi
-"$colmap" multi_frame_intrinsics_refiner \
-  --input_path "$capture/frames" --extrinsics_path "$capture/rig" \
-  --image_path "$capture/images" --ground_truth_path "$capture/ground_truth" \
+"$colmap" multi_frame_triangulator --image_path "$capture/images" \
+  --extrinsics_path "$capture/rig" --output_path "$frames" ||
+  die "the triangulation failed with exit code $?, see above"
+"$colmap" multi_frame_intrinsics_refiner --input_path "$frames" \
+  --extrinsics_path "$capture/rig" --ground_truth_path "$capture/ground_truth" \
   --output_path "$refined" ||
   die "the refinement failed with exit code $?, see above"
 run_step "Evaluating the start" evaluator_before \
-  "$colmap" multi_frame_evaluator --input_path "$capture/frames" \
+  "$colmap" multi_frame_evaluator --input_path "$capture/rig" \
   --ground_truth_path "$capture/ground_truth" --output_path "$before"
 run_step "Evaluating the result" evaluator_after \
   "$colmap" multi_frame_evaluator --input_path "$refined" \
@@ -78,7 +83,10 @@ cat <<WRITTEN
 
 Written:
   $capture
-    the simulated capture: frames, images, rig, ground_truth
+    the simulated capture: images, rig (known extrinsics, drifted intrinsics),
+    ground_truth
+  $frames
+    per frame a database and a sparse model
   $refined
     the result: rig, frames, KRT, summary.json, history.csv, project.ini
   $before

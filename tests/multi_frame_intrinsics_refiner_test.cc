@@ -8,17 +8,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class MultiFrameRefinerTest : public RefinerTest {
+class MultiFrameRefinerTest : public RefinerReferenceTest {
  protected:
-  static constexpr const char* kFrames[] = {
-      "frame000000", "frame000001", "frame000002"};
-
-  void SetUp() override {
-    RefinerTest::SetUp();
-    ExpectRefines({{"output_path", Path("reference")}});
-    reference_ = Params("reference");
-  }
-
   // Expects the result of the capture as it was made.
   void ExpectSameResult(const CommandOptions& options = {}) const {
     ExpectRefines(options);
@@ -88,8 +79,6 @@ class MultiFrameRefinerTest : public RefinerTest {
     WriteFile(Path("opencv/intri.yml"), intri.str());
     WriteFile(Path("opencv/extri.yml"), extri.str());
   }
-
-  CameraParams reference_;
 };
 
 TEST_F(MultiFrameRefinerTest, TextAndBinaryModels) {

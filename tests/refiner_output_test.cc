@@ -8,19 +8,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-class RefinerOutputTest : public RefinerTest {
- protected:
-  static constexpr const char* kFrames[] = {
-      "frame000000", "frame000001", "frame000002"};
-
-  void SetUp() override {
-    RefinerTest::SetUp();
-    ExpectRefines({{"output_path", Path("reference")}});
-    reference_ = Params("reference");
-  }
-
-  CameraParams reference_;
-};
+using RefinerOutputTest = RefinerReferenceTest;
 
 TEST_F(RefinerOutputTest, AllFilesOfTheResult) {
   std::vector<std::string> names;

@@ -105,6 +105,9 @@ using CameraParams = std::map<std::string, std::vector<double>>;
 // Each test works on a copy of one capture in folder_.
 class RefinerTest : public testing::Test {
  protected:
+  static constexpr const char* kFrames[] = {
+      "frame000000", "frame000001", "frame000002"};
+
   static void SetUpTestSuite() {
     original_ = new TemporaryFolder;
     WriteSimulatedCapture(SimulateCapture(SmallCapture()),
@@ -225,7 +228,7 @@ class RefinerTest : public testing::Test {
   // Changes the models of all frames.
   template <typename Change>
   void ChangeFrames(const Change& change) const {
-    for (const char* frame : {"frame000000", "frame000001", "frame000002"}) {
+    for (const char* frame : kFrames) {
       ChangeFrame(frame, change);
     }
   }
@@ -269,6 +272,18 @@ class RefinerTest : public testing::Test {
 
   TemporaryFolder folder_;
   static inline TemporaryFolder* original_ = nullptr;
+};
+
+// Has the result for the capture as it was made, in reference/.
+class RefinerReferenceTest : public RefinerTest {
+ protected:
+  void SetUp() override {
+    RefinerTest::SetUp();
+    ExpectRefines({{"output_path", Path("reference")}});
+    reference_ = Params("reference");
+  }
+
+  CameraParams reference_;
 };
 
 inline double MaxRelativeDifference(const CameraParams& a,
