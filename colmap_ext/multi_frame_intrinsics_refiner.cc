@@ -23,6 +23,7 @@
 #include "src/evaluation.h"
 #include "src/held_out_tracks.h"
 #include "src/refinement.h"
+#include "src/static_points.h"
 
 namespace mfir {
 namespace {
@@ -182,6 +183,25 @@ void LogAlignment(const Capture& capture, const Progress& progress) {
   }
 }
 
+void LogStaticPoints(const MultiFrameOptions& options,
+                     const StaticPoints& static_points,
+                     const Scene& scene,
+                     const Progress& progress) {
+  if (scene.frames.size() < 2) return;
+  progress.Log(colmap::StringPrintf(
+      "Static points: %zu, %.1f %% of the observations (static_points %s)",
+      static_points.NumPoints(),
+      100.0 * static_points.ObservationShare(),
+      options.static_points.c_str()));
+  if (options.static_points != "drop") return;
+  for (const Frame& frame : scene.frames) {
+    if (frame.points.empty()) {
+      progress.Log("Frame '" + frame.name +
+                   "' has static points only and takes no part");
+    }
+  }
+}
+
 // On stderr, also when quiet: the result is not what the user expects.
 void WarnOfContradictions(const Capture& capture) {
   for (const auto& name_and_reason : capture.contradicting_cameras) {
@@ -283,6 +303,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
                                                     &result.stages,
                                                     &capture,
                                                     &scene);
+  StaticPoints static_points(multi_frame.static_points, &scene);
+  LogStaticPoints(multi_frame, static_points, scene, progress);
   HeldOutTracks held_out(multi_frame.held_out_share, &scene);
   if (multi_frame.dense_features != "none") {
     progress.Heading("Computing dense features");
@@ -306,6 +328,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   }
   result.held_out_rms_px = held_out.Evaluate(multi_frame, scene);
   held_out.PutBack(&scene);
+  static_points.FitPoints(multi_frame, scene);
+  static_points.PutBack(&scene);
   if (rounds.has_new_tracks) {
     start = WithIntrinsics(result.initial_params, scene);
   }
@@ -354,6 +378,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   result.soft_extrinsics = multi_frame.SoftExtrinsics();
   result.evaluation = Evaluate(true_cameras, scene, multi_frame.quiet);
   result.inputs = DescribeInputs(options, rig, capture);
+  result.static_points = &static_points;
   UpdateReconstructions(
       normalized_from_rig, scene, result.cameras, single_frame_mode, &capture);
   result.capture = &capture;

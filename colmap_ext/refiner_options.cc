@@ -93,6 +93,10 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
       &options->retriangulation_rounds,
       "How often frames with a database.db get new tracks, with the intrinsics "
       "so far");
+  add("static_points",
+      &options->static_points,
+      "Tracks that are in place in several frames: merge (count once), keep or "
+      "drop");
   add("held_out_share",
       &options->held_out_share,
       "Share of the tracks that take no part, to check the result");

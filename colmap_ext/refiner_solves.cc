@@ -7,6 +7,7 @@
 #include "colmap_ext/multi_frame_bundle_adjuster.h"
 #include "src/extrinsics_check.h"
 #include "src/held_out_tracks.h"
+#include "src/static_points.h"
 
 namespace mfir {
 namespace {
@@ -164,7 +165,8 @@ RoundsResult RetriangulateInRounds(const MultiFrameOptions& options,
   double tolerance_px = std::numeric_limits<double>::infinity();
   for (int round = 1; round <= num_rounds && HasDatabases(*capture); ++round) {
     progress->Heading("Refining intrinsics");
-    HeldOutTracks held_out(options.held_out_share, scene);
+    const StaticPoints static_points(options.static_points, scene);
+    const HeldOutTracks held_out(options.held_out_share, scene);
     result.refinement = RefineScene(options,
                                     normalized_from_rig,
                                     progress->RecordStages(stages),
@@ -175,6 +177,7 @@ RoundsResult RetriangulateInRounds(const MultiFrameOptions& options,
                       SquaredResiduals(*scene, options.SingleFrameMode()),
                       capture);
     held_out.PutBack(scene);
+    static_points.PutBack(scene);
     progress->Heading("Retriangulating frames");
     Retriangulation tracks =
         RetriangulateFrames(options, work_path, *capture, *scene);

@@ -14,6 +14,7 @@
 #include "src/refinement.h"
 #include "src/scene.h"
 #include "src/stage.h"
+#include "src/static_points.h"
 
 namespace mfir {
 
@@ -28,6 +29,7 @@ struct RefinerResult {
   std::vector<std::vector<double>> initial_params;  // by camera
   std::vector<double> rms_px_before;                // see RmsByCamera
   std::vector<double> rms_px_after;
+  const StaticPoints* static_points = nullptr;
   double held_out_rms_px = 0.0;  // NaN: no tracks were held out
   RefinementResult refinement;
   // "converged", "not_converged" or "contradicting_extrinsics".

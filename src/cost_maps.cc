@@ -123,8 +123,9 @@ class FrameCostMaps {
         observation_idxs_(frame->images.size()),
         kept_(frame->images.size()) {
     for (size_t k = 0; k < frame->observations.size(); ++k) {
-      observation_idxs_[frame->observations[k].image_idx].push_back(k);
       frame->observations[k].cost_map_idx = -1;
+      if (frame->observations[k].keypoint_idx == kNoKeypoint) continue;
+      observation_idxs_[frame->observations[k].image_idx].push_back(k);
     }
   }
 

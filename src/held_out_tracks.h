@@ -2,11 +2,9 @@
 
 #pragma once
 
-#include <cstddef>
-#include <vector>
-
 #include "options.h"
 #include "scene.h"
+#include "tracks_apart.h"
 
 namespace mfir {
 
@@ -22,11 +20,10 @@ class HeldOutTracks {
   double Evaluate(const MultiFrameOptions& options, const Scene& refined);
 
   // Puts the tracks back where they were.
-  void PutBack(Scene* scene) const;
+  void PutBack(Scene* scene) const { tracks_.PutBack(scene); }
 
  private:
-  Scene held_out_;
-  std::vector<std::vector<bool>> is_held_out_;  // by frame and original point
+  TracksApart tracks_;
 };
 
 }  // namespace mfir

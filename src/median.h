@@ -17,4 +17,12 @@ inline double UpperMedian(std::vector<double> values) {
   return *middle;
 }
 
+// Of an even number the mean of the two in the middle. There must be one.
+inline double Median(std::vector<double> values) {
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  if (values.size() % 2 == 1) return *middle;
+  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
+}
+
 }  // namespace mfir

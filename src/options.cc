@@ -52,6 +52,7 @@ void MultiFrameOptions::Check() const {
   CheckAtLeast("loss_scale", loss_scale, 0.0);
   CheckAtLeast("max_num_iterations", max_num_iterations, 1);
   CheckAtLeast("retriangulation_rounds", retriangulation_rounds, 0);
+  CheckOneOf("static_points", static_points, {"merge", "keep", "drop"});
   CheckAtLeast("held_out_share", held_out_share, 0.0);
   CheckAtLeast("extrinsics_rotation_std_deg", extrinsics_rotation_std_deg, 0.0);
   CheckAtLeast("extrinsics_translation_std", extrinsics_translation_std, 0.0);
@@ -72,6 +73,14 @@ void MultiFrameOptions::Check() const {
         "The solves of a schedule keep their tracks: with "
         "--MultiFrame.max_prior_weight or progressive 0, "
         "--MultiFrame.retriangulation_rounds must be 0.");
+  }
+  if (static_points != "keep" && !CanChangeStaticPoints()) {
+    throw UsageError(
+        "With a schedule (--MultiFrame.max_prior_weight or progressive 0) all "
+        "tracks take part, and frames with intrinsics of their own "
+        "(--MultiFrame.focal_variance_weight and "
+        "principal_point_variance_weight 0) have no points in common: "
+        "--MultiFrame.static_points must be keep.");
   }
   if ((prior_focal_std > 0.0 || prior_principal_point_std > 0.0) &&
       !use_prior_intrinsics) {

@@ -58,6 +58,10 @@ struct MultiFrameOptions {
   // intrinsics so far.
   int retriangulation_rounds = 0;
 
+  // What becomes of tracks that are in place in several frames: "merge", "keep"
+  // or "drop", see StaticPoints.
+  std::string static_points = "keep";
+
   // Share of the tracks that take no part, to check the result.
   double held_out_share = 0.0;
 
@@ -106,6 +110,11 @@ struct MultiFrameOptions {
   bool SingleFrameMode() const {
     return focal_variance_weight == 0.0 &&
            principal_point_variance_weight == 0.0;
+  }
+
+  // Whether static_points can be other than "keep".
+  bool CanChangeStaticPoints() const {
+    return NumScheduleSolves() == 0 && !SingleFrameMode();
   }
 
   bool SoftExtrinsics() const {

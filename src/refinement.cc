@@ -9,6 +9,7 @@
 #include <ceres/loss_function.h>
 
 #include "fixed_extrinsics_solver.h"
+#include "median.h"
 #include "scale_mixture_loss.h"
 
 namespace mfir {
@@ -34,13 +35,6 @@ double RoundedStd(double std_px) {
   if (std_px == 0.0) return 0.0;
   return std::pow(kScaleStep,
                   std::round(std::log(std_px) / std::log(kScaleStep)));
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + values.size() / 2;
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
 }
 
 // Losses of keypoints and, unless null, of features and cost maps.

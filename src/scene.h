@@ -65,10 +65,13 @@ struct FrameImage {
   std::string name = {};  // in the model of the frame
 };
 
+// Of an observation that its image has no keypoint for.
+constexpr uint32_t kNoKeypoint = UINT32_MAX;
+
 struct Observation {
   size_t image_idx = 0;                          // into Frame::images
   Eigen::Vector2d xy = Eigen::Vector2d::Zero();  // pixels
-  // Among the image's keypoints.
+  // Among the image's keypoints, or kNoKeypoint: has no dense feature then.
   uint32_t keypoint_idx = 0;
   // Into Frame::cost_maps; -1: without dense feature.
   int64_t cost_map_idx = -1;

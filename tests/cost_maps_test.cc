@@ -208,6 +208,14 @@ TEST(CostMaps, LeastAtTheTrueProjections) {
   }
 }
 
+TEST(CostMaps, NoneWithoutKeypoint) {
+  FeatureScene setup = MakeFeatureScene();
+  std::vector<Observation>& observations = setup.scene.frames[1].observations;
+  observations[5].keypoint_idx = kNoKeypoint;
+  EXPECT_EQ(Compute(CpuOptions(), &setup)[1].num_cost_maps, 119u);
+  EXPECT_EQ(observations[5].cost_map_idx, -1);
+}
+
 TEST(CostMaps, HalfPixelMistakeShows) {
   FeatureScene setup = MakeFeatureScene();
   setup.source.pixel_center_ = 0.0;

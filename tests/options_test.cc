@@ -109,6 +109,9 @@ TEST(MultiFrameOptions, RefusesWhatHasNoSense) {
   for (const char* value : {"", "Paper", "fast"}) {
     refused("preset", &Options::preset, std::string(value));
   }
+  for (const char* value : {"", "Merge", "remove"}) {
+    refused("static_points", &Options::static_points, std::string(value));
+  }
   for (const char* value : {"SIFT", "superpoint"}) {
     refused("dense_features", &Options::dense_features, std::string(value));
   }
@@ -154,6 +157,23 @@ TEST(MultiFrameOptions, NewTracksNeedALastSolveOnly) {
   EXPECT_EQ(options.retriangulation_rounds, 0);
   options.retriangulation_rounds = 1;
   ExpectRefused(options, "retriangulation_rounds");
+}
+
+TEST(MultiFrameOptions, StaticPointsStayInSchedulesAndSingleFrames) {
+  MultiFrameOptions options;
+  options.ApplyPreset("paper");
+  EXPECT_EQ(options.static_points, "keep");
+  options.static_points = "merge";
+  ExpectRefused(options, "static_points");
+  options.ApplyPreset("accurate");
+  EXPECT_NO_THROW(options.Check());
+  options.static_points = "drop";
+  EXPECT_NO_THROW(options.Check());
+  options.focal_variance_weight = 0.0;
+  options.principal_point_variance_weight = 0.0;
+  ExpectRefused(options, "static_points");
+  options.static_points = "keep";
+  EXPECT_NO_THROW(options.Check());
 }
 
 TEST(MultiFrameOptions, MessageNamesValueAndBound) {

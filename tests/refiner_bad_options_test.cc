@@ -33,6 +33,7 @@ TEST_F(BadOptionsTest, WrongValues) {
       {"refine_principal_point", "3"},
       {"refine_extra_params", "x"},
       {"use_prior_intrinsics", "x"},
+      {"static_points", "remove"},
       {"camera_model", "PINHOLES"},
       {"camera_name_regex", "("},
       {"camera_name_regex", "cam"},

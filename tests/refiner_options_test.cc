@@ -132,6 +132,7 @@ TEST_F(RefinerOptionsTest, AllOptionsLandInSummaryAndProjectFile) {
                            "refine_principal_point",
                            "refine_extra_params",
                            "use_prior_intrinsics",
+                           "static_points",
                            "camera_model",
                            "camera_name_regex",
                            "dense_features",

@@ -98,6 +98,8 @@ TEST_F(RefinerOutputTest, SummaryHasTheKeysOfTheContract) {
   expect_keys(summary["result"],
               {"status", "rms_px_before", "rms_px_after", "held_out_rms_px"});
   EXPECT_EQ(summary["result"]["status"], "converged");
+  expect_keys(summary["result"]["static_points"],
+              {"num_points", "num_tracks", "observation_share"});
   EXPECT_GT(summary["peak_rss_bytes"], 1000000);
   expect_keys(summary["evaluation"],
               {"focal_abs", "focal_rel", "pp_abs", "pp_rel"});
