@@ -1,7 +1,8 @@
 #!/bin/bash
 # Accuracy on the real captures of the data folder, against their published
 # calibrations: start, `accurate` with 1, 2, 5 and 10 frames, `paper`, and the
-# repeatability over disjoint halves of the frames.
+# repeatability over disjoint halves of the frames, with the static background
+# kept, merged and dropped.
 #
 #   tests/benchmark/real_captures.sh [DATA_FOLDER]
 set -euo pipefail
@@ -25,6 +26,25 @@ metrics() {
     END { print "" }' "$1"
 }
 
+# in_stds NAME OUT1 OUT2: rms of the differences of focal lengths and principal
+# points (PINHOLE), each in units of its reported standard deviation.
+in_stds() {
+  awk -v name="$1" '
+    /"params": \[/ { key = "params"; i = 0; next }
+    /"params_std": \[/ { key = "std"; i = 0; next }
+    /\]/ { if (key == "std") ++camera[FILENAME]; key = ""; next }
+    key != "" { value[FILENAME, key, camera[FILENAME] + 0, i++] = $1 + 0 }
+    END {
+      a = ARGV[1]; b = ARGV[2]
+      for (c = 0; c < camera[a]; ++c)
+        for (i = 0; i < 4; ++i)
+          sum[i < 2] += (value[a, "params", c, i] - value[b, "params", c, i])^2 / \
+                        (value[a, "std", c, i]^2 + value[b, "std", c, i]^2)
+      printf "%-36s focal lengths %.2f, principal points %.2f stds\n", name,
+             sqrt(sum[1] / camera[a] / 2), sqrt(sum[0] / camera[a] / 2)
+    }' "$2/summary.json" "$3/summary.json"
+}
+
 # number KEY FILE: the first number of the key in a JSON file.
 number() {
   sed -n "s/.*\"$1\": \([-0-9.e]*\).*/\1/p" "$2" | head -n 1
@@ -46,10 +66,11 @@ refine() {
     --frame_list_path "$work/list.txt" --extrinsics_path "$3" \
     --output_path "$work/$1" "${@:6}" >"$work/log.txt"
   evaluate "$1" "$work/$1" "$3"
-  printf '%-36s rms_after %.3f  held_out_rms %s px\n' "" \
+  printf '%-36s rms_after %.3f  held_out_rms %s px  static %s\n' "" \
     "$(sed -n '/"result"/,$p' "$work/$1/summary.json" >"$work/result.json" &&
       number rms_px_after "$work/result.json")" \
-    "$(number held_out_rms_px "$work/result.json")"
+    "$(number held_out_rms_px "$work/result.json")" \
+    "$(number observation_share "$work/result.json")"
 }
 
 set_path=$data/panoptic31
@@ -66,9 +87,19 @@ refine sift_10_frames "$set_path/frames_triangulated" \
   "$set_path/calibration" 1 10 "${sift[@]}"
 refine paper_10_frames "$set_path/frames_triangulated" \
   "$set_path/calibration" 1 10 --MultiFrame.preset paper
-refine frames_1-5 "$set_path/frames_triangulated" "$set_path/calibration" 1 5
-refine frames_6-10 "$set_path/frames_triangulated" "$set_path/calibration" 6 5
-evaluate "repeatability 1-5 against 6-10" "$work/frames_1-5" "$work/frames_6-10/rig"
+for treatment in merge keep drop; do
+  static_points=(--MultiFrame.static_points "$treatment")
+  refine "${treatment}_10_frames" "$set_path/frames_triangulated" \
+    "$set_path/calibration" 1 10 "${static_points[@]}"
+  refine "${treatment}_1-5" "$set_path/frames_triangulated" \
+    "$set_path/calibration" 1 5 "${static_points[@]}"
+  refine "${treatment}_6-10" "$set_path/frames_triangulated" \
+    "$set_path/calibration" 6 5 "${static_points[@]}"
+  evaluate "$treatment: 1-5 against 6-10" "$work/${treatment}_1-5" \
+    "$work/${treatment}_6-10/rig"
+  in_stds "$treatment: 1-5 against 6-10" "$work/${treatment}_1-5" \
+    "$work/${treatment}_6-10"
+done
 refine sift_frames_1-5 "$set_path/frames_triangulated" \
   "$set_path/calibration" 1 5 "${sift[@]}"
 refine sift_frames_6-10 "$set_path/frames_triangulated" \
@@ -88,12 +119,17 @@ soft=(--MultiFrame.extrinsics_rotation_std_deg 0.02
   --MultiFrame.extrinsics_translation_std 0.0001)
 refine soft_triangulated "$set_path/frames_triangulated" \
   "$set_path/calibration" 1 8 "${soft[@]}"
-refine soft_frames_1-4 "$set_path/frames_triangulated" \
-  "$set_path/calibration" 1 4 "${soft[@]}"
-refine soft_frames_5-8 "$set_path/frames_triangulated" \
-  "$set_path/calibration" 5 4 "${soft[@]}"
-evaluate "soft repeatability 1-4 against 5-8" "$work/soft_frames_1-4" \
-  "$work/soft_frames_5-8/rig"
+for treatment in merge keep drop; do
+  static_points=(--MultiFrame.static_points "$treatment")
+  refine "soft_${treatment}_1-4" "$set_path/frames_triangulated" \
+    "$set_path/calibration" 1 4 "${soft[@]}" "${static_points[@]}"
+  refine "soft_${treatment}_5-8" "$set_path/frames_triangulated" \
+    "$set_path/calibration" 5 4 "${soft[@]}" "${static_points[@]}"
+  evaluate "soft $treatment: 1-4 against 5-8" "$work/soft_${treatment}_1-4" \
+    "$work/soft_${treatment}_5-8/rig"
+  in_stds "soft $treatment: 1-4 against 5-8" "$work/soft_${treatment}_1-4" \
+    "$work/soft_${treatment}_5-8"
+done
 sift=(--image_path "$set_path/images")
 refine sift_frames_1-4 "$set_path/frames_triangulated" \
   "$set_path/calibration" 1 4 "${soft[@]}" "${sift[@]}"
