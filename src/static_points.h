@@ -28,9 +28,8 @@ struct TrackIndex {
 //
 // The pixel: on panoptic31 the distances of keypoints from the nearest in the
 // next frame have a peak (16 % below 0.3 px), which at 2 px has sunk to the
-// flat background of 0.002 per px^2. Where each frame is
-// moved on by 0.1 to 0.3 m, 0.1 % of the tracks at most are taken for static,
-// of 30 %.
+// flat background of 0.002 per px^2. Where each frame is moved on by 0.1 to
+// 0.3 m, 0.1 % of the tracks at most are taken for static instead of 30 %.
 std::vector<std::vector<TrackIndex>> FindStaticPoints(const Scene& scene);
 
 // Takes repeated measurements of static points out of a refinement.

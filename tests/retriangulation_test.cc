@@ -233,6 +233,30 @@ TEST_F(RetriangulationTest, SingleFramesHaveTracksByTheirOwnIntrinsics) {
   EXPECT_GT(NumObservations("after", 0), NumObservations("before", 0));
 }
 
+TEST_F(RetriangulationTest, StaticPointsAreFoundAmongNewTracks) {
+  const std::string copy = Path("tracks/" + std::string(kFrame1));
+  fs::remove_all(copy);
+  fs::copy(Path("tracks/" + std::string(kFrame0)),
+           copy,
+           fs::copy_options::recursive);
+  const std::string log =
+      RefineTracks("both", {{"MultiFrame.static_points", "merge"}});
+  EXPECT_NE(log.find("new tracks in 2 of 2"), std::string::npos) << log;
+  EXPECT_EQ(Summary("both")["result"]["static_points"]["observation_share"],
+            1.0);
+  EXPECT_EQ(NumObservations("both", 0), NumObservations("both", 1));
+
+  fs::remove_all(copy);
+  RefineTracks("one", {});
+  // Not the same: keypoints at the same place become one, too.
+  double ratio = 0.0;
+  const CameraParams stds = Params("one", "params_std");
+  for (const auto& [name, values] : Params("both", "params_std")) {
+    ratio += values[0] / stds.at(name)[0] / static_cast<double>(stds.size());
+  }
+  EXPECT_NEAR(ratio, 1.0, 0.15);  // 0.7 if they counted twice
+}
+
 TEST_F(RetriangulationTest, SchedulesKeepTheirTracks) {
   const CommandOptions paper = {{"MultiFrame.preset", "paper"},
                                 {"MultiFrame.max_prior_weight", "0.01"}};
