@@ -97,6 +97,7 @@ std::map<size_t, colmap::image_t> ImageIds(
 
 // Throws InputError where the frame must keep its tracks.
 void Retriangulate(const MultiFrameOptions& options,
+                   const TriangulatorOptions& track_options,
                    const std::vector<RigCamera>& cameras,
                    const fs::path& work_path,
                    int num_threads,
@@ -112,7 +113,7 @@ void Retriangulate(const MultiFrameOptions& options,
   // Images without camera in RIG have been reported before.
   std::vector<std::string> warnings;
   auto model = std::make_unique<colmap::Reconstruction>(
-      TriangulateFrame(TriangulatorOptions(),
+      TriangulateFrame(track_options,
                        CameraNaming(options.camera_name_regex),
                        cameras,
                        num_threads,
@@ -154,6 +155,7 @@ std::vector<RigCamera> PresentCameras(const MultiFrameOptions& options,
 // By used frame.
 std::vector<NewFrame> RetriangulateAll(
     const MultiFrameOptions& options,
+    const TriangulatorOptions& track_options,
     const fs::path& work_path,
     const std::vector<const FrameModel*>& models,
     const Scene& scene) {
@@ -169,6 +171,7 @@ std::vector<NewFrame> RetriangulateAll(
     if (models[i]->database_path.empty()) return;
     try {
       Retriangulate(options,
+                    track_options,
                     PresentCameras(options, scene, scene.frames[i]),
                     work_path / ("retriangulation_" + std::to_string(i)),
                     num_threads / num_frames_at_once,
@@ -205,11 +208,16 @@ std::vector<Model*> UsedModels(CaptureType* capture) {
 }  // namespace
 
 Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
+                                    const TriangulatorOptions& track_options,
                                     const fs::path& work_path,
                                     const Capture& capture,
                                     const Scene& scene) {
-  std::vector<NewFrame> new_frames = RetriangulateAll(
-      options, work_path, UsedModels<const FrameModel>(&capture), scene);
+  std::vector<NewFrame> new_frames =
+      RetriangulateAll(options,
+                       track_options,
+                       work_path,
+                       UsedModels<const FrameModel>(&capture),
+                       scene);
   Retriangulation result;
   std::vector<double> tolerances;
   for (size_t i = 0; i < new_frames.size(); ++i) {

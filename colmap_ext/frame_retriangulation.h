@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "colmap_ext/frames.h"
+#include "colmap_ext/triangulator_options.h"
 #include "src/options.h"
 #include "src/scene.h"
 
@@ -29,16 +30,17 @@ struct Retriangulation {
 };
 
 // Makes the tracks of every used frame with a database anew, from its matches,
-// as multi_frame_triangulator does: with the extrinsics and present intrinsics
-// of the scene (in single-frame mode those of the frame), and thresholds that
-// follow from the epipolar errors which these leave. Matches that came verified
-// are verified again. Databases are only read, from copies in `work_path`,
-// which are removed.
+// as multi_frame_triangulator does with `track_options`: with the extrinsics
+// and present intrinsics of the scene (in single-frame mode those of the
+// frame), and thresholds that follow from the epipolar errors which these
+// leave. Matches that came verified are verified again. Databases are only
+// read, from copies in `work_path`, which are removed.
 //
 // A frame keeps its tracks if its database is not usable: damaged, images or
 // keypoints other than those of the model, or less than half as many
 // observations as the frame has. Throws OutputError.
 Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
+                                    const TriangulatorOptions& track_options,
                                     const std::filesystem::path& work_path,
                                     const Capture& capture,
                                     const Scene& scene);

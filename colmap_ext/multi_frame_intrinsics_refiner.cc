@@ -296,6 +296,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   Scene start = scene;
   const StartResiduals start_residuals = EvaluateStart(multi_frame, start);
   const RoundsResult rounds = RetriangulateInRounds(multi_frame,
+                                                    options.tracks,
                                                     normalized_from_rig,
                                                     output.TemporaryPath(),
                                                     start_residuals,

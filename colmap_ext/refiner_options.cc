@@ -142,6 +142,7 @@ std::string DefaultDenseFeatures(const RefinerOptions& options) {
 
 void CheckOptions(const RefinerOptions& options) {
   options.multi_frame.Check();
+  options.tracks.Check();
   for (const std::string* format :
        {&options.extrinsics_format, &options.ground_truth_format}) {
     if (*format != "auto" && *format != "colmap" && *format != "krt" &&
@@ -177,6 +178,8 @@ void ParseRefinerOptions(int argc,
   multi_frame->ApplyPreset(multi_frame->preset);
   AddPaths(options, parser);
   AddMultiFrameOptions(multi_frame, parser);
+  AddTrackOptions(&options->tracks, parser);
+  parser->AddSharedSection("MultiFrameTriangulator");
   parser->Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
     multi_frame->ApplyPreset(name);
   });

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "colmap_ext/option_parser.h"
+#include "colmap_ext/triangulator_options.h"
 #include "src/options.h"
 
 namespace mfir {
@@ -22,6 +23,7 @@ struct RefinerOptions {
   std::string ground_truth_format = "auto";
   std::string constant_camera_list_path;
   MultiFrameOptions multi_frame;
+  TriangulatorOptions tracks;  // of retriangulation_rounds, see AddTrackOptions
 };
 
 // Reads the ini file and the command line into `options` and checks them. The

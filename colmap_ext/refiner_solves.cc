@@ -153,6 +153,7 @@ RefinementResult RefineScene(const MultiFrameOptions& options,
 }
 
 RoundsResult RetriangulateInRounds(const MultiFrameOptions& options,
+                                   const TriangulatorOptions& track_options,
                                    const Similarity3& normalized_from_rig,
                                    const std::filesystem::path& work_path,
                                    const StartResiduals& start,
@@ -179,8 +180,8 @@ RoundsResult RetriangulateInRounds(const MultiFrameOptions& options,
     held_out.PutBack(scene);
     static_points.PutBack(scene);
     progress->Heading("Retriangulating frames");
-    Retriangulation tracks =
-        RetriangulateFrames(options, work_path, *capture, *scene);
+    Retriangulation tracks = RetriangulateFrames(
+        options, track_options, work_path, *capture, *scene);
     LeaveUnusableDatabases(tracks.failures, *progress, capture);
     LogRetriangulation(
         tracks,

@@ -8,6 +8,7 @@
 
 #include "colmap_ext/frames.h"
 #include "colmap_ext/refiner_progress.h"
+#include "colmap_ext/triangulator_options.h"
 #include "src/extrinsics_check.h"
 #include "src/options.h"
 #include "src/refinement.h"
@@ -54,6 +55,7 @@ struct RoundsResult {
 // tolerance does not fall and observations do not become more, both by 1 %.
 // `work_path` is for temporary files.
 RoundsResult RetriangulateInRounds(const MultiFrameOptions& options,
+                                   const TriangulatorOptions& track_options,
                                    const Similarity3& normalized_from_rig,
                                    const std::filesystem::path& work_path,
                                    const StartResiduals& start,

@@ -59,16 +59,26 @@ void AddSiftMatchingOptions(colmap::SiftMatchingOptions* sift,
   add("num_threads", &sift->num_threads);
   add("use_gpu", &sift->use_gpu);
   add("gpu_index", &sift->gpu_index);
+  add("max_num_matches", &sift->max_num_matches);
+}
+
+// Of matching again along epipolar lines, which is part of the verification.
+void AddVerificationOptions(colmap::SiftMatchingOptions* sift,
+                            OptionParser* parser) {
+  const auto add = [parser](const std::string& name,
+                            auto* value,
+                            const std::string& help = "as in COLMAP") {
+    parser->Add("SiftMatching." + name, value, help);
+  };
   add("max_ratio", &sift->max_ratio);
   add("max_distance", &sift->max_distance);
   add("cross_check", &sift->cross_check);
-  add("max_num_matches", &sift->max_num_matches);
-  parser->Add("SiftMatching.min_num_inliers",
-              &sift->min_num_inliers,
-              "as in COLMAP, of a pair of images");
-  parser->Add("SiftMatching.guided_matching",
-              &sift->guided_matching,
-              "1: match again along the known epipolar lines");
+  add("min_num_inliers",
+      &sift->min_num_inliers,
+      "as in COLMAP, of a pair of images");
+  add("guided_matching",
+      &sift->guided_matching,
+      "1: match again along the known epipolar lines");
 }
 
 void AddMapperOptions(TriangulatorOptions* options, OptionParser* parser) {
@@ -115,9 +125,6 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
   add("focal_length_factor",
       &options->focal_length_factor,
       "> 0: start from this focal length / larger image side");
-  add("max_epipolar_error",
-      &options->max_epipolar_error,
-      "cap of the tolerance of epipolar errors / larger image side");
   add("num_threads", &options->num_threads, "-1: all");
   add("overwrite",
       &options->overwrite,
@@ -204,6 +211,16 @@ void TriangulatorOptions::Check() const {
   }
 }
 
+void AddTrackOptions(TriangulatorOptions* options, OptionParser* parser) {
+  parser->Add("MultiFrameTriangulator.max_epipolar_error",
+              &options->max_epipolar_error,
+              "cap of the tolerance of epipolar errors / larger image side");
+  AddVerificationOptions(&options->sift_matching, parser);
+  AddMapperOptions(options, parser);
+  parser->AddSharedSection("SiftMatching");
+  parser->AddSharedSection("Mapper");
+}
+
 void AddTriangulatorOptions(TriangulatorOptions* options,
                             OptionParser* parser) {
   parser->AddRequired(
@@ -246,12 +263,8 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
               "one mask for all images");
   AddSiftExtractionOptions(&options->sift_extraction, parser);
   AddSiftMatchingOptions(&options->sift_matching, parser);
-  AddMapperOptions(options, parser);
-  for (const char* section : {"MultiFrame",
-                              "ImageReader",
-                              "SiftExtraction",
-                              "SiftMatching",
-                              "Mapper"}) {
+  AddTrackOptions(options, parser);
+  for (const char* section : {"MultiFrame", "ImageReader", "SiftExtraction"}) {
     parser->AddSharedSection(section);
   }
 }

@@ -57,4 +57,8 @@ struct TriangulatorOptions {
 
 void AddTriangulatorOptions(TriangulatorOptions* options, OptionParser* parser);
 
+// The part that decides on the tracks which matches give. Programs that make
+// tracks from the databases of frames take these.
+void AddTrackOptions(TriangulatorOptions* options, OptionParser* parser);
+
 }  // namespace mfir

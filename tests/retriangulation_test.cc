@@ -1,6 +1,8 @@
 // New tracks between the solves of the refiner, on a small rendered capture
 // whose frames come from multi_frame_triangulator with wrong intrinsics.
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 
 #include <gtest/gtest.h>
@@ -213,6 +215,52 @@ TEST_F(RetriangulationTest, StopsWhereNewTracksAreNoImprovement) {
   // Nothing is solved after that.
   EXPECT_EQ(log.find("Solve", log.find("No improvement")), std::string::npos);
   EXPECT_GT(Summary()["result"]["noise_std_px"], 0.0);
+}
+
+// The same options of COLMAP as multi_frame_triangulator has.
+TEST_F(RetriangulationTest, OptionsOfColmapReachTheTracks) {
+  WriteFile(Path("project.ini"),
+            "[Mapper]\nmultiple_models=0\nfilter_min_tri_angle=25\n"
+            "[SiftMatching]\nconfidence=0.9\nguided_matching=0\n"
+            "[MultiFrameTriangulator]\nmax_view_angle=50\n"
+            "[SiftExtraction]\nmax_num_features=10\n");
+  const auto smallest_angle_deg = [this](const std::string& output) {
+    const colmap::Reconstruction model =
+        Read(Path(output + "/frames/" + kFrame0));
+    double smallest = 180.0;
+    for (const auto& [id, point] : model.Points3D()) {
+      double largest = 0.0;
+      const auto ray = [&](const colmap::TrackElement& element) {
+        return (model.Image(element.image_id).ProjectionCenter() - point.XYZ())
+            .normalized();
+      };
+      for (const auto& a : point.Track().Elements()) {
+        for (const auto& b : point.Track().Elements()) {
+          largest =
+              std::max(largest, std::acos(std::min(1.0, ray(a).dot(ray(b)))));
+        }
+      }
+      smallest = std::min(smallest, colmap::RadToDeg(largest));
+    }
+    return smallest;
+  };
+  RefineTracks("default", Rounds("1"));
+  CommandOptions options = Rounds("1");
+  options["project_path"] = Path("project.ini");
+  RefineTracks("ini", options);
+  // Points move a little after they are filtered.
+  EXPECT_GT(smallest_angle_deg("ini"), 24.0);
+  EXPECT_LT(smallest_angle_deg("default"), 20.0);
+  // The command line beats the ini file.
+  options["Mapper.filter_min_tri_angle"] = "1.5";
+  RefineTracks("both", options);
+  EXPECT_LT(smallest_angle_deg("both"), 20.0);
+  EXPECT_LT(NumObservations("both", 0), NumObservations("default", 0));
+  EXPECT_EQ(Summary("both")["options"]["Mapper.filter_min_tri_angle"], 1.5);
+
+  options["Mapper.filter_min_tri_angle"] = "-1";
+  options["input_path"] = Path("tracks");
+  ExpectError(kExitUsage, {"Mapper.filter_min_tri_angle"}, options);
 }
 
 TEST_F(RetriangulationTest, SameBytesForAnyNumberOfThreads) {

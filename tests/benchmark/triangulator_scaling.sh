@@ -1,0 +1,42 @@
+#!/bin/bash
+# Cost of multi_frame_triangulator against the number of cameras: simulates one
+# frame with images for each number and prints, per frame, the pairs of cameras
+# that were matched, the seconds of each stage (one thread) and user CPU seconds.
+#
+#   tests/benchmark/triangulator_scaling.sh [CAMERAS... [-- OPTION...]]
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
+colmap=${MFIR_COLMAP:-$root/build/bin/colmap}
+numbers=()
+while (($# > 0)) && [[ $1 != -- ]]; do
+  numbers+=("$1")
+  shift
+done
+(($# == 0)) || shift
+((${#numbers[@]} > 0)) || numbers=(10 31 64)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# number KEY: the first number of the key in the record of the frame.
+number() {
+  sed -n "s/.*\"$1\": \([-0-9.e]*\).*/\1/p" \
+    "$work/frames/frame000000/triangulation.json" | head -n 1
+}
+
+TIMEFORMAT=%U
+printf '%8s %6s %7s %12s %11s %13s %14s %8s\n' cameras pairs points \
+  extraction_s matching_s verification_s triangulation_s user_s
+for num_cameras in "${numbers[@]}"; do
+  rm -rf "$work/frames"
+  "$colmap" multi_frame_simulator --output_path "$work/capture" \
+    --Simulator.num_cameras "$num_cameras" --Simulator.num_frames 1 \
+    --Simulator.image_width 640 --Simulator.image_height 427 \
+    --Simulator.overwrite 1 --Simulator.quiet 1
+  { time "$colmap" multi_frame_triangulator --image_path "$work/capture/images" \
+    --extrinsics_path "$work/capture/rig" --output_path "$work/frames" \
+    --MultiFrameTriangulator.num_threads 1 "$@" >"$work/log.txt"; } 2>"$work/time.txt"
+  printf '%8d %6d %7d %12.1f %11.1f %13.1f %14.1f %8.1f\n' "$num_cameras" \
+    "$(number num_pairs)" "$(number num_points)" "$(number extraction)" \
+    "$(number matching)" "$(number verification)" "$(number triangulation)" \
+    "$(cat "$work/time.txt")"
+done
