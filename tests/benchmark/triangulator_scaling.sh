@@ -1,7 +1,8 @@
 #!/bin/bash
 # Cost of multi_frame_triangulator against the number of cameras: simulates one
-# frame with images for each number and prints, per frame, the pairs of cameras
-# that were matched, the seconds of each stage (one thread) and user CPU seconds.
+# frame with images for each number and prints the verified pairs of cameras, the
+# points, and user CPU seconds of one thread: of all, and of each stage (by its
+# share of the wall time, so that other programs on the machine do not count).
 #
 #   tests/benchmark/triangulator_scaling.sh [CAMERAS... [-- OPTION...]]
 set -euo pipefail
@@ -35,8 +36,10 @@ for num_cameras in "${numbers[@]}"; do
   { time "$colmap" multi_frame_triangulator --image_path "$work/capture/images" \
     --extrinsics_path "$work/capture/rig" --output_path "$work/frames" \
     --MultiFrameTriangulator.num_threads 1 "$@" >"$work/log.txt"; } 2>"$work/time.txt"
-  printf '%8d %6d %7d %12.1f %11.1f %13.1f %14.1f %8.1f\n' "$num_cameras" \
-    "$(number num_pairs)" "$(number num_points)" "$(number extraction)" \
-    "$(number matching)" "$(number verification)" "$(number triangulation)" \
-    "$(cat "$work/time.txt")"
+  awk -v n="$num_cameras" -v pairs="$(number num_pairs)" \
+    -v points="$(number num_points)" -v e="$(number extraction)" \
+    -v m="$(number matching)" -v v="$(number verification)" \
+    -v t="$(number triangulation)" '{ f = $1 / (e + m + v + t)
+      printf "%8d %6d %7d %12.1f %11.1f %13.1f %14.1f %8.1f\n",
+        n, pairs, points, f * e, f * m, f * v, f * t, $1 }' "$work/time.txt"
 done
