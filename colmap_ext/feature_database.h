@@ -41,6 +41,8 @@ class FeatureDatabase : public DenseFeatureSource {
   // Throws InputError for a row whose values do not fit.
   DenseFeaturePatches Extract(const DenseFeatureRequest& request) override;
 
+  bool RepeatsCheaply() const override { return true; }
+
  private:
   using Value = std::unique_ptr<sqlite3_value, void (*)(sqlite3_value*)>;
   using Names = std::pair<std::string, std::string>;  // frame, camera

@@ -1,6 +1,7 @@
 #include <unistd.h>
 
 #include <filesystem>
+#include <set>
 
 #include "colmap_ext/feature_database.h"
 #include "src/camera_naming.h"
@@ -43,7 +44,11 @@ class WritingFeatureSource : public DenseFeatureSource {
 
   DenseFeaturePatches Extract(const DenseFeatureRequest& request) override {
     const DenseFeaturePatches patches = source_->Extract(request);
-    Try([&]() { Write(request, patches); });
+    // Images may be asked for twice. Two frames of the same name in the file
+    // are an error.
+    if (written_.insert({request.frame_name, request.camera_name}).second) {
+      Try([&]() { Write(request, patches); });
+    }
     return patches;
   }
 
@@ -145,6 +150,8 @@ class WritingFeatureSource : public DenseFeatureSource {
   std::unique_ptr<SqliteFile> file_;
   std::unique_ptr<SqliteStatement> insert_;
   bool has_info_ = false;
+  // Names of frames and cameras.
+  std::set<std::pair<std::string, std::string>> written_;
 };
 
 }  // namespace

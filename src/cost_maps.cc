@@ -226,7 +226,8 @@ class FrameCostMaps {
       }
     });
     const size_t bytes = patches.data.size() * sizeof(uint16_t);
-    if (bytes <= options_.max_kept_bytes - kept_bytes_) {
+    if (!source_->RepeatsCheaply() &&
+        bytes <= options_.max_kept_bytes - kept_bytes_) {
       kept_bytes_ += bytes;
       kept_[image_idx] = std::move(patches);
     }

@@ -22,8 +22,8 @@ struct CostMapOptions {
   // root mean square norm.
   double loss_scale = 0.25;
   // Patches of a frame are needed twice, for the references and for the cost
-  // maps. Those up to this size stay in between; the source is asked again for
-  // the others, one image at a time.
+  // maps. Those up to this size stay in between, unless the source repeats
+  // them cheaply; it is asked again for the others, one image at a time.
   size_t max_kept_bytes = size_t{1} << 30;
 };
 
@@ -52,7 +52,8 @@ using CostMapCallback =
 //
 // Peak memory beyond the cost maps (3 * 2 * patch_size^2 bytes per
 // observation): of one frame 2 * num_channels bytes per observation, and its
-// patches up to max_kept_bytes or those of one image, whichever is more.
+// patches up to max_kept_bytes (none if the source repeats cheaply) or those of
+// one image, whichever is more.
 //
 // Throws InputError: an image or patches that cannot be used; UsageError:
 // use_gpu = 1 without a GPU.

@@ -56,6 +56,9 @@ class DenseFeatureSource {
   // that an image without any valid patch may have zero of both.
   virtual DenseFeaturePatches Extract(const DenseFeatureRequest& request) = 0;
 
+  // Whether to ask again for an image is better than to keep its patches.
+  virtual bool RepeatsCheaply() const { return false; }
+
   // To be called after the last Extract: completes what the source writes.
   // Throws OutputError.
   virtual void Finish() {}

@@ -56,6 +56,9 @@ class FieldSource : public DenseFeatureSource {
   }
 
   int patch_size_ = 16;
+  bool RepeatsCheaply() const override { return repeats_cheaply_; }
+
+  bool repeats_cheaply_ = false;
   double pixel_size_ = 1.0;
   // The mistake of taking pixel i for image coordinate i.
   double pixel_center_ = 0.5;
@@ -272,6 +275,9 @@ TEST(CostMaps, SameWhetherPatchesAreKeptOrAskedForAgain) {
   FeatureScene some = MakeFeatureScene();
   options.max_kept_bytes = 2 * 30 * 256 * kNumChannels * 2;
   EXPECT_EQ(Compute(options, &some)[0].num_extractions, 8u);
+  FeatureScene cheap = MakeFeatureScene();
+  cheap.source.repeats_cheaply_ = true;
+  EXPECT_EQ(Compute(CpuOptions(), &cheap)[0].num_extractions, 10u);
 }
 
 TEST(CostMaps, AtMost1600BytesPerObservation) {

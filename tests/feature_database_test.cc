@@ -115,6 +115,8 @@ TEST_F(FeatureDatabaseTest, RoundTrip) {
                                       pixel_size,
                                       static_cast<int>(written.size()));
       written.push_back(writer->Extract(Request(frame_name, camera_name)));
+      // As when patches are not kept.
+      writer->Extract(Request(frame_name, camera_name));
     }
     writer->Finish();
     EXPECT_TRUE(source->finished);
