@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/StdVector>
 
 namespace mfir {
 
@@ -33,6 +34,12 @@ struct DenseFeaturePatches {
   }
 };
 
+// Image coordinates. With Eigen's allocator, since COLMAP specializes
+// std::vector of the bare type: without, code that includes COLMAP's headers
+// and code that does not would disagree on what it is.
+using Keypoints =
+    std::vector<Eigen::Vector2d, Eigen::aligned_allocator<Eigen::Vector2d>>;
+
 // An image whose features are asked for.
 struct DenseFeatureRequest {
   std::string frame_name;
@@ -43,7 +50,7 @@ struct DenseFeatureRequest {
   int width = 0;
   int height = 0;
   // Image coordinates and ids (indices into the image's 2D points).
-  std::vector<Eigen::Vector2d> keypoints;
+  Keypoints keypoints;
   std::vector<uint32_t> keypoint_ids;
 };
 

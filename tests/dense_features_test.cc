@@ -14,9 +14,7 @@
 namespace mfir {
 namespace {
 
-DenseFeatureRequest Request(int width,
-                            int height,
-                            const std::vector<Eigen::Vector2d>& keypoints) {
+DenseFeatureRequest Request(int width, int height, const Keypoints& keypoints) {
   DenseFeatureRequest request;
   request.width = width;
   request.height = height;
@@ -27,7 +25,7 @@ DenseFeatureRequest Request(int width,
 
 // The keypoint is within half a feature pixel of the patch's centre.
 TEST(PlacePatches, KeypointsLieInTheMiddle) {
-  std::vector<Eigen::Vector2d> keypoints;
+  Keypoints keypoints;
   for (int i = 0; i < 100; ++i) {
     keypoints.emplace_back(200.0 + 0.13 * i, 150.0 - 0.07 * i);
   }

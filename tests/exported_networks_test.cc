@@ -91,7 +91,7 @@ TEST_P(ExportedNetworksTest, AgreesWithPyTorch) {
   options.tile_size = GetParam().tile_size;
   options.tile_overlap = GetParam().tile_overlap;
   image_.Write(folder_ / "image.png");
-  std::vector<Eigen::Vector2d> keypoints;
+  Keypoints keypoints;
   for (int y = 0; y < image_.height; y += 16) {
     for (int x = 0; x < image_.width; x += 16) keypoints.emplace_back(x, y);
   }

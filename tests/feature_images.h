@@ -89,9 +89,8 @@ struct TestImage {
   }
 
   // Keypoint ids are 0, 10, 20, ...
-  DenseFeatureRequest Request(
-      const std::string& name,
-      const std::vector<Eigen::Vector2d>& keypoints) const {
+  DenseFeatureRequest Request(const std::string& name,
+                              const Keypoints& keypoints) const {
     DenseFeatureRequest request{
         "000012", "7", name, width, height, keypoints, {}};
     for (size_t i = 0; i < keypoints.size(); ++i) {

@@ -53,7 +53,7 @@ class OnnxFeatureSourceTest : public testing::Test {
   }
 
   DenseFeaturePatches Extract(const TestImage& image,
-                              const std::vector<Eigen::Vector2d>& keypoints,
+                              const Keypoints& keypoints,
                               int patch_size = 8) {
     image.Write(folder_ / "image.png");
     return MakeOnnxFeatureSource(options_, patch_size, 2, folder_.Path())
@@ -81,7 +81,7 @@ class OnnxFeatureSourceTest : public testing::Test {
 // stands for.
 TEST_F(OnnxFeatureSourceTest, PixelsOfTheMapLieWhereTheyAreSaidToLie) {
   const TestImage image = TestImage::Texture(150, 97, 0.0, 0.0, 3);
-  const std::vector<Eigen::Vector2d> keypoints = {
+  const Keypoints keypoints = {
       {70.3, 40.8}, {0.0, 0.0}, {150.0, 97.0}, {149.0, 2.0}};
   for (const int stride : {1, 2, 4}) {
     WriteFile(options_.path, MeanNetwork(3, stride));
@@ -119,7 +119,7 @@ TEST_F(OnnxFeatureSourceTest, PixelsOfTheMapLieWhereTheyAreSaidToLie) {
 TEST_F(OnnxFeatureSourceTest, TilesGiveWhatTheWholeImageGives) {
   WriteFile(options_.path, DeepNetwork());
   const TestImage image = TestImage::Texture(411, 257, 0.0, 0.0, 3);
-  std::vector<Eigen::Vector2d> keypoints;
+  Keypoints keypoints;
   for (int i = 0; i < 300; ++i) {
     keypoints.emplace_back(std::fmod(61.7 * i, 411.0),
                            std::fmod(37.3 * i, 257.0));
@@ -150,8 +150,7 @@ TEST_F(OnnxFeatureSourceTest, TilesGiveWhatTheWholeImageGives) {
 TEST_F(OnnxFeatureSourceTest, NetworksForOneInputSize) {
   for (const int width : {50, 96, 250}) {
     const TestImage image = TestImage::Texture(width, 64, 0.0, 0.0, 3);
-    const std::vector<Eigen::Vector2d> keypoints = {{20.0, 60.0},
-                                                    {width - 1.0, 30.0}};
+    const Keypoints keypoints = {{20.0, 60.0}, {width - 1.0, 30.0}};
     options_ = {};
     options_.path = folder_ / "any.onnx";
     WriteFile(options_.path, DeepNetwork());

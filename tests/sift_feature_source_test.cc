@@ -11,7 +11,7 @@ namespace mfir {
 namespace {
 
 DenseFeaturePatches Extract(const TestImage& image,
-                            const std::vector<Eigen::Vector2d>& keypoints,
+                            const Keypoints& keypoints,
                             const SiftFeatureOptions& options = {},
                             int patch_size = 16,
                             int num_threads = 1) {
@@ -100,7 +100,7 @@ TEST(SiftFeatureSource, DescriptorsHaveUnitLength) {
 // is cut out, a pixel has one descriptor.
 TEST(SiftFeatureSource, DescriptorsDoNotDependOnTheOtherPatches) {
   const TestImage image = TestImage::Texture(150, 120, 0.0, 0.0);
-  std::vector<Eigen::Vector2d> keypoints;
+  Keypoints keypoints;
   for (int i = 0; i < 60; ++i) {
     keypoints.emplace_back(std::fmod(17.3 * i, 150.0),
                            std::fmod(11.7 * i, 120.0));
@@ -123,7 +123,7 @@ TEST(SiftFeatureSource, DescriptorsDoNotDependOnTheOtherPatches) {
 // also next to the border, where patches are moved inside.
 TEST(SiftFeatureSource, PatchesAtBordersAreComplete) {
   const TestImage image = TestImage::Texture(100, 90, 0.0, 0.0);
-  const std::vector<Eigen::Vector2d> keypoints = {
+  const Keypoints keypoints = {
       {0.0, 0.0}, {100.0, 90.0}, {3.2, 45.0}, {99.9, 0.1}, {50.0, 89.0}};
   const std::vector<Eigen::Vector2i> corners = {
       {0, 0}, {84, 74}, {0, 37}, {84, 0}, {42, 74}};
@@ -171,7 +171,7 @@ TEST(SiftFeatureSource, ConstantImagesGiveZeros) {
 
 TEST(SiftFeatureSource, OptionsReachTheDescriptors) {
   const TestImage image = TestImage::Texture(90, 90, 0.0, 0.0);
-  const std::vector<Eigen::Vector2d> keypoints = {{45.0, 45.0}};
+  const Keypoints keypoints = {{45.0, 45.0}};
   const auto default_descriptor =
       Descriptor(Extract(image, keypoints), 0, 8, 8);
   SiftFeatureOptions options;

@@ -38,8 +38,7 @@ mv "$work/cameras.txt" "$work/capture/rig/cameras.txt"
 
 TIMEFORMAT='user CPU s: %U'
 time "$colmap" multi_frame_triangulator --image_path "$work/capture/images" \
-  --extrinsics_path "$work/capture/rig" --output_path "$work/frames" \
-  --SiftExtraction.max_num_features 1000
+  --extrinsics_path "$work/capture/rig" --output_path "$work/frames"
 time "$colmap" multi_frame_intrinsics_refiner --input_path "$work/frames" \
   --extrinsics_path "$work/capture/rig" --output_path "$work/result" "$@" |
   grep -E 'Round|improvement|Frame|px after'
