@@ -61,6 +61,10 @@ struct FixedExtrinsicsOptions {
 
   // Whether to compute the covariance at the solution.
   bool compute_covariance = false;
+  // Groups of tracks with common errors, as of a static point in several
+  // frames: each is one piece of evidence for the covariance. The others are
+  // independent.
+  std::vector<std::vector<TrackIndex>> repeated_tracks;
 
   int num_threads = 1;
 };
@@ -76,9 +80,10 @@ struct FixedExtrinsicsSummary {
   // Covariance of the intrinsics, stacked by camera; parameters that are not
   // refined have zero rows, combinations held by min_information a variance of
   // about 1 / min_information; all is NaN if the normal equations are singular.
-  // It is the sandwich H^-1 G H^-1 with H the reduced Hessian and G the sum
-  // over tracks of the outer products of their gradients: honest whatever the
-  // noise is, as long as tracks are independent.
+  // It is the sandwich H^-1 G H^-1 with H the reduced Hessian and G the sum of
+  // the outer products of the gradients of tracks, which are added up before in
+  // each group of repeated_tracks: honest whatever the noise is, as long as
+  // groups and other tracks are independent.
   Eigen::MatrixXd covariance;
   // By camera: whether its intrinsics take part in a combination that
   // min_information holds.

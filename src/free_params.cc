@@ -19,28 +19,18 @@ Eigen::Vector3d LogRotation(const Eigen::Matrix3d& rotation) {
   return angle_axis.angle() * angle_axis.axis();
 }
 
-}  // namespace
-
-std::vector<double> PixelScales(const RigCamera& camera) {
-  const size_t num_params = camera.model->NumParams();
-  double uv[2];
-  double xy[2];
-  double jacobian_uv[4];
-  std::vector<double> jacobian(2 * num_params);
-  camera.model->Unproject(camera.params.data(),
-                          static_cast<double>(camera.width),
-                          static_cast<double>(camera.height),
-                          uv);
-  camera.model->ProjectWithJacobian(
-      camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian.data());
-  std::vector<double> scales(num_params, 1.0);
-  for (const size_t idx : camera.model->ExtraParamsIdxs()) {
-    const double scale = std::hypot(jacobian[idx], jacobian[num_params + idx]);
-    if (std::isfinite(scale) && scale > 0.0) scales[idx] = scale;
-  }
-  return scales;
+// Applies a rotation vector (rad) after the present rotation and shifts the
+// camera centre.
+void MovePose(const Eigen::Vector3d& rotation,
+              const Eigen::Vector3d& center_shift,
+              CameraState* state) {
+  const Eigen::Vector3d center =
+      -state->rotation.transpose() * state->translation + center_shift;
+  state->rotation = ExpRotation(rotation) * state->rotation;
+  state->translation = -state->rotation * center;
 }
 
+// In the order of FreeParams.
 std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
                                           const Scene& scene,
                                           size_t camera_idx) {
@@ -113,6 +103,44 @@ FreeParams ToFreeParams(const std::vector<FreeParam>& camera_params) {
   return free_params;
 }
 
+}  // namespace
+
+std::vector<double> PixelScales(const RigCamera& camera) {
+  const size_t num_params = camera.model->NumParams();
+  double uv[2];
+  double xy[2];
+  double jacobian_uv[4];
+  std::vector<double> jacobian(2 * num_params);
+  camera.model->Unproject(camera.params.data(),
+                          static_cast<double>(camera.width),
+                          static_cast<double>(camera.height),
+                          uv);
+  camera.model->ProjectWithJacobian(
+      camera.params.data(), uv[0], uv[1], xy, jacobian_uv, jacobian.data());
+  std::vector<double> scales(num_params, 1.0);
+  for (const size_t idx : camera.model->ExtraParamsIdxs()) {
+    const double scale = std::hypot(jacobian[idx], jacobian[num_params + idx]);
+    if (std::isfinite(scale) && scale > 0.0) scales[idx] = scale;
+  }
+  return scales;
+}
+
+ReducedParams CollectFreeParams(const FixedExtrinsicsOptions& options,
+                                const Scene& scene,
+                                const std::vector<bool>& observed) {
+  ReducedParams reduced;
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    reduced.offsets.push_back(reduced.Size());
+    const std::vector<FreeParam> camera_params =
+        observed[i] ? FreeParamsOfCamera(options, scene, i)
+                    : std::vector<FreeParam>();
+    reduced.by_camera.push_back(ToFreeParams(camera_params));
+    reduced.params.insert(
+        reduced.params.end(), camera_params.begin(), camera_params.end());
+  }
+  return reduced;
+}
+
 Eigen::VectorXd PriorResiduals(const std::vector<FreeParam>& params,
                                const Scene& scene,
                                const std::vector<CameraState>& states) {
@@ -140,13 +168,20 @@ Eigen::VectorXd PriorResiduals(const std::vector<FreeParam>& params,
   return residuals;
 }
 
-void MovePose(const Eigen::Vector3d& rotation,
-              const Eigen::Vector3d& center_shift,
-              CameraState* state) {
-  const Eigen::Vector3d center =
-      -state->rotation.transpose() * state->translation + center_shift;
-  state->rotation = ExpRotation(rotation) * state->rotation;
-  state->translation = -state->rotation * center;
+std::vector<CameraState> AddStep(const ReducedParams& params,
+                                 const Eigen::VectorXd& step,
+                                 std::vector<CameraState> states) {
+  for (size_t i = 0; i < states.size(); ++i) {
+    CameraState& state = states[i];
+    Eigen::Index k = params.offsets[i];
+    for (const size_t idx : params.by_camera[i].intrinsics_idxs) {
+      state.params[idx] += step(k++);
+    }
+    if (params.by_camera[i].pose) {
+      MovePose(step.segment<3>(k), step.segment<3>(k + 3), &state);
+    }
+  }
+  return states;
 }
 
 }  // namespace mfir

@@ -27,22 +27,32 @@ struct FreeParam {
 // 1 for the other intrinsics.
 std::vector<double> PixelScales(const RigCamera& camera);
 
-// The free parameters of a camera, in the order of FreeParams.
-std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
-                                          const Scene& scene,
-                                          size_t camera_idx);
+// All free parameters, in the order of the reduced system.
+struct ReducedParams {
+  std::vector<FreeParam> params;
+  // By camera: what is free, and where it starts.
+  std::vector<FreeParams> by_camera;
+  std::vector<Eigen::Index> offsets;
 
-FreeParams ToFreeParams(const std::vector<FreeParam>& camera_params);
+  Eigen::Index Size() const { return static_cast<Eigen::Index>(params.size()); }
+  Eigen::Index SizeOf(size_t camera_idx) const {
+    return static_cast<Eigen::Index>(by_camera[camera_idx].Size());
+  }
+};
+
+// Of the cameras that are observed; nothing is free in the others.
+ReducedParams CollectFreeParams(const FixedExtrinsicsOptions& options,
+                                const Scene& scene,
+                                const std::vector<bool>& observed);
 
 // (parameter - known) / std of all priors, by free parameter; 0 without.
 Eigen::VectorXd PriorResiduals(const std::vector<FreeParam>& params,
                                const Scene& scene,
                                const std::vector<CameraState>& states);
 
-// Applies a rotation vector (rad) after the present rotation and shifts the
-// camera centre.
-void MovePose(const Eigen::Vector3d& rotation,
-              const Eigen::Vector3d& center_shift,
-              CameraState* state);
+// States after a step of the free parameters.
+std::vector<CameraState> AddStep(const ReducedParams& params,
+                                 const Eigen::VectorXd& step,
+                                 std::vector<CameraState> states);
 
 }  // namespace mfir

@@ -29,18 +29,18 @@ bool ComputeStep(const NormalEquations& equations,
   return step->allFinite();
 }
 
-bool SandwichCovariance(const NormalEquations& equations,
+bool SandwichCovariance(const Eigen::MatrixXd& hessian,
+                        const Eigen::MatrixXd& gradient_outer,
                         Eigen::MatrixXd* covariance) {
   const Eigen::VectorXd scale =
-      equations.hessian.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+      hessian.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled_hessian =
       scale.asDiagonal() *
-      equations.hessian.selfadjointView<Eigen::Lower>().toDenseMatrix() *
+      hessian.selfadjointView<Eigen::Lower>().toDenseMatrix() *
       scale.asDiagonal();
   const Eigen::LLT<Eigen::MatrixXd> factorization(scaled_hessian);
   if (factorization.info() != Eigen::Success) return false;
-  const Eigen::MatrixXd outer =
-      equations.gradient_outer.selfadjointView<Eigen::Lower>();
+  const Eigen::MatrixXd outer = gradient_outer.selfadjointView<Eigen::Lower>();
   const Eigen::MatrixXd half =
       factorization.solve(scale.asDiagonal() * outer * scale.asDiagonal());
   *covariance = scale.asDiagonal() * factorization.solve(half.transpose()) *

@@ -15,16 +15,14 @@ namespace mfir {
 constexpr double kMinDamping = 1e-9;
 
 // The normal equations of the cameras, hessian * step = -gradient (lower
-// triangle only), and the outer products of the tracks' gradients.
+// triangle only).
 struct NormalEquations {
   Eigen::MatrixXd hessian;
   Eigen::VectorXd gradient;
-  Eigen::MatrixXd gradient_outer;
 
-  void SetZero(Eigen::Index size, bool with_outer) {
+  void SetZero(Eigen::Index size) {
     hessian.setZero(size, size);
     gradient.setZero(size);
-    if (with_outer) gradient_outer.setZero(size, size);
   }
 };
 
@@ -34,8 +32,10 @@ bool ComputeStep(const NormalEquations& equations,
                  double damping,
                  Eigen::VectorXd* step);
 
-// H^-1 G H^-1 with G the outer products. False if H is not positive definite.
-bool SandwichCovariance(const NormalEquations& equations,
+// H^-1 G H^-1 from the lower triangles of H and G. False if H is not positive
+// definite.
+bool SandwichCovariance(const Eigen::MatrixXd& hessian,
+                        const Eigen::MatrixXd& gradient_outer,
                         Eigen::MatrixXd* covariance);
 
 // From free parameters to all intrinsics, stacked by camera.

@@ -11,6 +11,7 @@
 #include "fixed_extrinsics_solver.h"
 #include "median.h"
 #include "scale_mixture_loss.h"
+#include "static_point_search.h"
 
 namespace mfir {
 namespace {
@@ -176,7 +177,10 @@ class Refiner {
     solver_options.improve_points = EstimatesLoss();
     solver_options.max_num_iterations = max_num_iterations;
     solver_options.parameter_tolerance = tolerance;
-    solver_options.compute_covariance = name == "final";
+    if (name == "final") {
+      solver_options.compute_covariance = true;
+      solver_options.repeated_tracks = FindStaticPoints(*scene_);
+    }
     solver_options.num_threads = options_.EffectiveNumThreads();
     for (const RigCamera& camera : scene_->cameras) {
       solver_options.constant_cameras.push_back(camera.constant_intrinsics);

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "camera_model.h"
@@ -119,6 +120,17 @@ struct Frame {
   std::shared_ptr<const CostMaps> cost_maps;
   // By index of the cost map; empty without.
   std::vector<FeatureKeypoint> feature_keypoints;
+};
+
+// The track of a point.
+struct TrackIndex {
+  size_t frame_idx = 0;
+  size_t point_idx = 0;
+
+  bool operator<(const TrackIndex& other) const {
+    return std::tie(frame_idx, point_idx) <
+           std::tie(other.frame_idx, other.point_idx);
+  }
 };
 
 struct Scene {

@@ -18,6 +18,26 @@ FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
   return options;
 }
 
+// The first tracks of the first frame take the place of those of the others,
+// with errors of their keypoints (px) on top.
+void RepeatFirstTracks(size_t num_tracks,
+                       double jitter,
+                       uint64_t seed,
+                       Scene* scene) {
+  Random random({seed});
+  const Frame first = scene->frames[0];
+  const size_t num_observations = first.track_begins[num_tracks];
+  for (Frame& frame : scene->frames) {
+    ASSERT_EQ(frame.track_begins[num_tracks], num_observations);
+    for (size_t i = 0; i < num_tracks; ++i) frame.points[i] = first.points[i];
+    for (size_t k = 0; k < num_observations; ++k) {
+      frame.observations[k] = first.observations[k];
+      frame.observations[k].xy += Eigen::Vector2d(random.Normal(0.0, jitter),
+                                                  random.Normal(0.0, jitter));
+    }
+  }
+}
+
 // J^T J of Ceres at the solution against the sandwich.
 TEST(FixedExtrinsicsStatistics, CovarianceIsThatOfCeresOnAverage) {
   constexpr int kNumSeeds = 8;
@@ -96,6 +116,95 @@ TEST(FixedExtrinsicsStatistics, ErrorsAreOfTheSizeThatTheCovarianceTells) {
     EXPECT_GT(sum / count, 0.7) << outliers;
     EXPECT_LT(sum / count, 1.4) << outliers;
   }
+}
+
+FixedExtrinsicsOptions CovarianceOptions(
+    const std::vector<std::vector<TrackIndex>>& repeated_tracks) {
+  FixedExtrinsicsOptions options = Options(&kTrivialLoss);
+  options.compute_covariance = true;
+  options.repeated_tracks = repeated_tracks;
+  return options;
+}
+
+Eigen::VectorXd Stds(const FixedExtrinsicsOptions& options, Scene scene) {
+  return SolveFixedExtrinsics(options, &scene)
+      .covariance.diagonal()
+      .cwiseSqrt();
+}
+
+double MaxRelativeDifference(const Eigen::VectorXd& a,
+                             const Eigen::VectorXd& b) {
+  return (a.cwiseQuotient(b).array() - 1.0).abs().maxCoeff();
+}
+
+TEST(FixedExtrinsicsStatistics, RepeatedTracksAreOnePieceOfEvidence) {
+  constexpr size_t kNumCopies = 3;
+  TestSceneOptions scene_options;
+  scene_options.num_frames = 1;
+  scene_options.num_points = 200;
+  const Scene one = MakeTestScene(scene_options).start;
+  Scene copies = one;
+  copies.frames.assign(kNumCopies, one.frames[0]);
+  std::vector<std::vector<TrackIndex>> all;
+  for (size_t i = 0; i < one.frames[0].points.size(); ++i) {
+    all.push_back({{0, i}, {1, i}, {2, i}});
+  }
+  const Eigen::VectorXd expected = Stds(CovarianceOptions({}), one);
+  const Eigen::VectorXd grouped = Stds(CovarianceOptions(all), copies);
+  EXPECT_LT(MaxRelativeDifference(grouped, expected), 1e-7);
+  const Eigen::VectorXd independent = Stds(CovarianceOptions({}), copies);
+  EXPECT_LT(
+      MaxRelativeDifference(std::sqrt(kNumCopies) * independent, expected),
+      1e-7);
+  // Groups of one are independent tracks, whatever their order.
+  std::vector<std::vector<TrackIndex>> single;
+  for (size_t f = kNumCopies; f-- > 0;) {
+    for (size_t i = 0; i < one.frames[0].points.size(); ++i) {
+      single.push_back({{f, i}});
+    }
+  }
+  EXPECT_LT(MaxRelativeDifference(Stds(CovarianceOptions(single), copies),
+                                  independent),
+            1e-7);
+}
+
+// Frames that repeat the keypoints of points with a small error of their own,
+// and points of their own: neither all nor none of the errors are common.
+TEST(FixedExtrinsicsStatistics, ErrorsWithRepeatedTracksToo) {
+  constexpr size_t kNumFrames = 4;
+  constexpr size_t kNumRepeated = 60;
+  double grouped = 0.0;
+  double independent = 0.0;
+  double count = 0.0;
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    TestSceneOptions scene_options;
+    scene_options.num_frames = kNumFrames;
+    scene_options.num_points = 90;
+    scene_options.seed = 300 + seed;
+    const TestScene setup = MakeTestScene(scene_options);
+    Scene scene = setup.start;
+    std::vector<std::vector<TrackIndex>> repeated(kNumRepeated);
+    RepeatFirstTracks(kNumRepeated, 0.1, seed, &scene);
+    for (size_t f = 0; f < kNumFrames; ++f) {
+      for (size_t i = 0; i < kNumRepeated; ++i) repeated[i].push_back({f, i});
+    }
+    const Eigen::VectorXd independent_stds = Stds(CovarianceOptions({}), scene);
+    const FixedExtrinsicsSummary summary =
+        SolveFixedExtrinsics(CovarianceOptions(repeated), &scene);
+    for (size_t i = 0; i < scene.cameras.size(); ++i) {
+      for (size_t j = 0; j < 4; ++j) {
+        const double error =
+            scene.cameras[i].params[j] - setup.truth.cameras[i].params[j];
+        const Eigen::Index row = static_cast<Eigen::Index>(4 * i + j);
+        grouped += error * error / summary.covariance(row, row);
+        independent += std::pow(error / independent_stds(row), 2.0);
+        count += 1.0;
+      }
+    }
+  }
+  EXPECT_GT(grouped / count, 0.7);
+  EXPECT_LT(grouped / count, 1.4);
+  EXPECT_GT(independent / count, 1.8);
 }
 
 class TrackLengthTest : public testing::TestWithParam<size_t> {};

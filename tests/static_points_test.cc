@@ -1,4 +1,5 @@
 #include "src/static_points.h"
+#include "src/static_point_search.h"
 
 #include <cmath>
 
@@ -254,22 +255,26 @@ TEST(StaticPoints, MergedTrackIsWhereTheImagesAre) {
   EXPECT_EQ(scene.frames[0].observations[4].keypoint_idx, kNoKeypoint);
 }
 
-TEST(StaticPoints, MergedTracksCountOnce) {
+void ExpectRatios(const Eigen::VectorXd& values,
+                  const Eigen::VectorXd& expected,
+                  double ratio,
+                  double tolerance) {
+  const Eigen::VectorXd ratios = values.cwiseQuotient(expected);
+  EXPECT_GT(ratios.minCoeff(), ratio * (1.0 - tolerance));
+  EXPECT_LT(ratios.maxCoeff(), ratio * (1.0 + tolerance));
+}
+
+TEST(StaticPoints, CountOnceInTheUncertainty) {
   TestSceneOptions options;
   options.num_frames = 1;
   options.num_points = 200;
   const Scene one = MakeTestScene(options).start;
   const Eigen::VectorXd expected = RefinedStds(one);
-  Scene merged = Repeat(one, 3, 0.02);
-  const Eigen::VectorXd kept = RefinedStds(merged);
-  const StaticPoints static_points("merge", &merged);
-  EXPECT_EQ(NumTracks(merged), 200);
-  const Eigen::VectorXd ratios = RefinedStds(merged).cwiseQuotient(expected);
-  EXPECT_GT(ratios.minCoeff(), 0.97);
-  EXPECT_LT(ratios.maxCoeff(), 1.03);
-  const Eigen::VectorXd kept_ratios = kept.cwiseQuotient(expected);
-  EXPECT_GT(kept_ratios.minCoeff(), 0.95 / std::sqrt(3.0));
-  EXPECT_LT(kept_ratios.maxCoeff(), 1.05 / std::sqrt(3.0));
+  Scene scene = Repeat(one, 3, 0.02);
+  ExpectRatios(RefinedStds(scene), expected, 1.0, 0.03);
+  const StaticPoints static_points("merge", &scene);
+  EXPECT_EQ(NumTracks(scene), 200);
+  ExpectRatios(RefinedStds(scene), expected, 1.0, 0.03);
 }
 
 TEST(StaticPoints, DropLeavesWhatMoves) {
