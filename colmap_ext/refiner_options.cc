@@ -95,8 +95,8 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
       "so far");
   add("static_points",
       &options->static_points,
-      "Tracks that are in place in several frames: merge (count once), keep or "
-      "drop");
+      "Tracks that are in place in several frames: keep (one piece of evidence "
+      "for params_std), merge (for the estimate, too) or drop");
   add("held_out_share",
       &options->held_out_share,
       "Share of the tracks that take no part, to check the result");

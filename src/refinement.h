@@ -22,8 +22,9 @@ struct RefinementResult {
   bool converged = false;
   // Largest relative change of a focal length in the last step.
   double last_focal_change = 0.0;
-  // See FixedExtrinsicsSummary. In single-frame mode: of the median over
-  // frames.
+  // See FixedExtrinsicsSummary; the tracks of a static point
+  // (static_point_search.h) have common errors. In single-frame mode: of the
+  // median over frames, taken for independent.
   Eigen::MatrixXd covariance;
   // Noise of the keypoints (px per axis) and share of outliers as estimated
   // from the residuals.

@@ -21,7 +21,8 @@ class StaticPoints {
   // median of their keypoints in each camera. It is the last of a frame that
   // has images of most of its cameras, and among those the one that sees it in
   // most, the first of several. "drop": no track of a static point takes part.
-  // "keep": the scene stays as it is.
+  // "keep": the scene stays as it is; RefineFixedExtrinsics takes the tracks of
+  // a static point for one piece of evidence in the covariance.
   //
   // Throws InputError if "drop" leaves nothing.
   StaticPoints(const std::string& treatment, Scene* scene);
