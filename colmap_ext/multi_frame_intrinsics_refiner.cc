@@ -23,6 +23,7 @@
 #include "src/evaluation.h"
 #include "src/held_out_tracks.h"
 #include "src/refinement.h"
+#include "src/residual_statistics.h"
 #include "src/static_points.h"
 
 namespace mfir {

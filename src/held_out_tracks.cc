@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "refinement.h"
+#include "residual_statistics.h"
 
 namespace mfir {
 namespace {

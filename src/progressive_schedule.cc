@@ -12,6 +12,7 @@
 #include "free_params.h"
 #include "priors.h"
 #include "refinement.h"
+#include "residual_statistics.h"
 
 namespace mfir {
 namespace {

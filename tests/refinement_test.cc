@@ -1,4 +1,5 @@
 #include "src/refinement.h"
+#include "src/residual_statistics.h"
 
 #include <cmath>
 #include <limits>

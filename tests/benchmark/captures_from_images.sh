@@ -52,6 +52,7 @@ set_path=$data/robovision12
 echo "robovision12 (12 cameras)"
 points_per_frame "$set_path/frames_triangulated"
 triangulate "$set_path" "$set_path/drifted_calibration"
+halves exact "$work/frames" "$set_path/calibration" 4
 halves soft "$work/frames" "$set_path/calibration" 4 "${soft[@]}"
 
 set_path=$data/strecha_herz_jesus_p8
