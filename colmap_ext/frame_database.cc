@@ -287,10 +287,20 @@ std::string FindDamage(sqlite3* database) {
                 "4 OR (cols != 2 AND rows > 0)") != "0") {
     return "matches do not have the size that their table says";
   }
-  const bool has_geometries =
+  const auto has_table = [database](const std::string& name) {
+    return Query(database,
+                 "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND "
+                 "name = '" +
+                     name + "'") != "0";
+  };
+  // There may be none, as of other extractors.
+  if (has_table("descriptors") &&
       Query(database,
-            "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name "
-            "= 'two_view_geometries'") != "0";
+            "SELECT count(*) FROM descriptors" + kRowsTimesCols +
+                "1 OR rows < 0 OR (data IS NULL AND rows * cols > 0)") != "0") {
+    return "descriptors do not have the size that their table says";
+  }
+  const bool has_geometries = has_table("two_view_geometries");
   if (has_geometries &&
       Query(database,
             "SELECT count(*) FROM two_view_geometries" + kRowsTimesCols +

@@ -203,6 +203,16 @@ void LogStaticPoints(const MultiFrameOptions& options,
   }
 }
 
+std::vector<bool> ObservedCameras(const Scene& scene) {
+  std::vector<bool> observed(scene.cameras.size(), false);
+  for (const Frame& frame : scene.frames) {
+    for (const Observation& observation : frame.observations) {
+      observed[frame.images[observation.image_idx].camera_idx] = true;
+    }
+  }
+  return observed;
+}
+
 // On stderr, also when quiet: the result is not what the user expects.
 void WarnOfContradictions(const Capture& capture) {
   for (const auto& name_and_reason : capture.contradicting_cameras) {
@@ -328,6 +338,19 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
                                     &capture,
                                     &scene);
   }
+  // Cameras are judged by the tracks that took part.
+  result.took_part = ObservedCameras(scene);
+  const std::vector<double> fitted_residuals =
+      SquaredResiduals(scene, single_frame_mode);
+  const std::vector<ExtrinsicsContradiction> contradictions =
+      AddContradictions(scene, start_residuals, fitted_residuals, &capture);
+  WarnOfContradictions(capture);
+  const SpoiltCameras spoilt =
+      CountSpoiltCameras(scene,
+                         result.initial_params,
+                         contradictions,
+                         RobustStdByCamera(scene, fitted_residuals),
+                         start_residuals.own_stds_px);
   result.held_out_rms_px = held_out.Evaluate(multi_frame, scene);
   held_out.PutBack(&scene);
   static_points.FitPoints(multi_frame, scene);
@@ -339,15 +362,6 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
       SquaredResiduals(start, single_frame_mode);
   const std::vector<double> residuals_after =
       SquaredResiduals(scene, single_frame_mode);
-  const std::vector<ExtrinsicsContradiction> contradictions =
-      AddContradictions(scene, start_residuals, residuals_after, &capture);
-  WarnOfContradictions(capture);
-  const SpoiltCameras spoilt =
-      CountSpoiltCameras(scene,
-                         result.initial_params,
-                         contradictions,
-                         RobustStdByCamera(scene, residuals_after),
-                         start_residuals.own_stds_px);
   // The same observations before and after.
   const double max_squared = MaxInlierSquaredResidual(residuals_after);
   std::vector<bool> inliers;

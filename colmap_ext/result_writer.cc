@@ -212,9 +212,9 @@ Json MakeCameras(const RefinerResult& result) {
     bool determined = !result.refinement.held_cameras[i];
     for (size_t j = 0; j < camera.params.size(); ++j) {
       const Eigen::Index k = param_begin + static_cast<Eigen::Index>(j);
-      const double variance = num_observations[i] == 0
-                                  ? std::nan("")
-                                  : result.refinement.covariance(k, k);
+      const double variance = result.took_part[i]
+                                  ? result.refinement.covariance(k, k)
+                                  : std::nan("");
       params_std.push_back(NumberOrNull(std::sqrt(variance)));
       determined = determined && std::isfinite(variance);
       for (const size_t idx : camera.model->FocalLengthIdxs()) {
@@ -226,8 +226,8 @@ Json MakeCameras(const RefinerResult& result) {
     }
     param_begin += num_params;
     Json flags = Json::array();
-    if (num_observations[i] == 0) flags.push_back("no_observations");
-    if (num_observations[i] > 0 && !determined) {
+    if (!result.took_part[i]) flags.push_back("no_observations");
+    if (result.took_part[i] && !determined) {
       flags.push_back("weakly_determined");
     }
     if (result.capture->contradicting_cameras.count(camera.name) > 0) {

@@ -27,7 +27,9 @@ struct RefinerResult {
   std::vector<KnownCamera> cameras;
   bool soft_extrinsics = false;
   std::vector<std::vector<double>> initial_params;  // by camera
-  std::vector<double> rms_px_before;                // see RmsByCamera
+  // By camera: whether tracks that it sees took part in the refinement.
+  std::vector<bool> took_part;
+  std::vector<double> rms_px_before;  // see RmsByCamera
   std::vector<double> rms_px_after;
   const StaticPoints* static_points = nullptr;
   double held_out_rms_px = 0.0;  // NaN: no tracks were held out

@@ -33,11 +33,19 @@ bool IsHeldOut(double share, const Frame& frame, size_t point_idx) {
   return static_cast<double>(hash >> 11) * 0x1.0p-53 < share;
 }
 
+// None where nothing would be left to refine with.
 std::vector<std::vector<bool>> ChooseHeldOut(double share, const Scene& scene) {
   std::vector<std::vector<bool>> is_held_out(scene.frames.size());
+  bool is_any_left = false;
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     for (size_t i = 0; i < scene.frames[f].points.size(); ++i) {
       is_held_out[f].push_back(IsHeldOut(share, scene.frames[f], i));
+      is_any_left = is_any_left || !is_held_out[f].back();
+    }
+  }
+  if (!is_any_left) {
+    for (std::vector<bool>& frame : is_held_out) {
+      frame.assign(frame.size(), false);
     }
   }
   return is_held_out;

@@ -239,6 +239,12 @@ TEST_F(TriangulatorTest, DatabasesThatCannotBeRead) {
   for (const auto& [sql, part] : std::map<std::string, std::string>{
            {"DELETE FROM keypoints", "an image has no keypoints"},
            {"UPDATE cameras SET model = 99", "unknown model"},
+           {"UPDATE descriptors SET data = substr(data, 1, 100)",
+            "descriptors do not have the size"},
+           {"UPDATE descriptors SET data = NULL",
+            "descriptors do not have the size"},
+           {"UPDATE descriptors SET rows = -1",
+            "descriptors do not have the size"},
            {"UPDATE cameras SET params = x'00'", "parameters"}}) {
     SCOPED_TRACE(sql);
     CopyFrames();

@@ -1,6 +1,8 @@
 // The option static_points of the refiner, on a capture of two frames and a
 // copy of the first.
 
+#include <algorithm>
+
 #include "tests/refiner_runner.h"
 
 namespace mfir {
@@ -150,6 +152,30 @@ TEST_F(RefinerStaticPointsTest, DropWithNothingLeft) {
               {"static_points drop", "Use merge"},
               {{"frame_list_path", Path("list")},
                {"MultiFrame.static_points", "drop"}});
+}
+
+// The frame that moves has one image less.
+TEST_F(RefinerStaticPointsTest, CameraThatSeesStaticPointsOnly) {
+  ChangeFrame(kFrame1, [](colmap::Reconstruction* model) {
+    KeepImages(model->NumRegImages() - 1, model);
+  });
+  const CommandResult result = Refine({{"MultiFrame.static_points", "drop"}});
+  EXPECT_EQ(result.exit_code, kExitSuccess) << result.error;
+  EXPECT_EQ(result.error.find("contradicts"), std::string::npos)
+      << result.error;
+  size_t num_without = 0;
+  const nlohmann::json summary = Summary();
+  for (const nlohmann::json& camera : summary["cameras"]) {
+    const bool is_without = camera["params_std"][0].is_null();
+    num_without += is_without;
+    const nlohmann::json& flags = camera["flags"];
+    EXPECT_EQ(std::count(flags.begin(), flags.end(), "no_observations"),
+              is_without);
+    EXPECT_EQ(std::count(flags.begin(), flags.end(), "contradicts_extrinsics"),
+              0);
+    EXPECT_EQ(camera["params"] == camera["params_initial"], is_without);
+  }
+  EXPECT_EQ(num_without, 1u);
 }
 
 TEST_F(RefinerStaticPointsTest, SchedulesAndSingleFramesKeep) {
