@@ -338,19 +338,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
                                     &capture,
                                     &scene);
   }
-  // Cameras are judged by the tracks that took part.
   result.took_part = ObservedCameras(scene);
-  const std::vector<double> fitted_residuals =
-      SquaredResiduals(scene, single_frame_mode);
-  const std::vector<ExtrinsicsContradiction> contradictions =
-      AddContradictions(scene, start_residuals, fitted_residuals, &capture);
-  WarnOfContradictions(capture);
-  const SpoiltCameras spoilt =
-      CountSpoiltCameras(scene,
-                         result.initial_params,
-                         contradictions,
-                         RobustStdByCamera(scene, fitted_residuals),
-                         start_residuals.own_stds_px);
   result.held_out_rms_px = held_out.Evaluate(multi_frame, scene);
   held_out.PutBack(&scene);
   static_points.FitPoints(multi_frame, scene);
@@ -362,6 +350,19 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
       SquaredResiduals(start, single_frame_mode);
   const std::vector<double> residuals_after =
       SquaredResiduals(scene, single_frame_mode);
+  std::vector<double> stds_px = RobustStdByCamera(scene, residuals_after);
+  for (size_t i = 0; i < stds_px.size(); ++i) {
+    // Nothing was fitted to what it has seen.
+    if (!result.took_part[i]) stds_px[i] = std::nan("");
+  }
+  const std::vector<ExtrinsicsContradiction> contradictions =
+      AddContradictions(scene, start_residuals, stds_px, &capture);
+  WarnOfContradictions(capture);
+  const SpoiltCameras spoilt = CountSpoiltCameras(scene,
+                                                  result.initial_params,
+                                                  contradictions,
+                                                  stds_px,
+                                                  start_residuals.own_stds_px);
   // The same observations before and after.
   const double max_squared = MaxInlierSquaredResidual(residuals_after);
   std::vector<bool> inliers;

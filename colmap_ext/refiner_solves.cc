@@ -110,12 +110,10 @@ StartResiduals EvaluateStart(const MultiFrameOptions& options,
 std::vector<ExtrinsicsContradiction> AddContradictions(
     const Scene& scene,
     const StartResiduals& start,
-    const std::vector<double>& squared_residuals,
+    const std::vector<double>& stds_px,
     Capture* capture) {
-  std::vector<ExtrinsicsContradiction> contradictions =
-      FindExtrinsicsContradictions(start.stds_px,
-                                   RobustStdByCamera(scene, squared_residuals),
-                                   start.own_stds_px);
+  const std::vector<ExtrinsicsContradiction> contradictions =
+      FindExtrinsicsContradictions(start.stds_px, stds_px, start.own_stds_px);
   for (const ExtrinsicsContradiction& contradiction : contradictions) {
     const std::string& name = scene.cameras[contradiction.camera_idx].name;
     capture->contradicting_cameras.emplace(
@@ -173,10 +171,12 @@ RoundsResult RetriangulateInRounds(const MultiFrameOptions& options,
                                     progress->RecordStages(stages),
                                     capture,
                                     scene);
-    AddContradictions(*scene,
-                      start,
-                      SquaredResiduals(*scene, options.SingleFrameMode()),
-                      capture);
+    AddContradictions(
+        *scene,
+        start,
+        RobustStdByCamera(*scene,
+                          SquaredResiduals(*scene, options.SingleFrameMode())),
+        capture);
     held_out.PutBack(scene);
     static_points.PutBack(scene);
     progress->Heading("Retriangulating frames");

@@ -27,13 +27,13 @@ StartResiduals EvaluateStart(const MultiFrameOptions& options,
                              const Scene& start);
 
 // Finds cameras whose extrinsics contradict the residuals of a solved scene
-// (px^2, by observation), and adds them to the capture. What the tracks of the
+// (RobustStdByCamera), and adds them to the capture. What the tracks of the
 // frames as given have shown stays: new tracks that fit the known extrinsics
 // cannot contradict them.
 std::vector<ExtrinsicsContradiction> AddContradictions(
     const Scene& scene,
     const StartResiduals& start,
-    const std::vector<double>& squared_residuals,
+    const std::vector<double>& stds_px,
     Capture* capture);
 
 // Solves the scene: with a schedule first if the options have one.
