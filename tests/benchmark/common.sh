@@ -1,6 +1,6 @@
 # shellcheck shell=bash
-# Sourced by the scripts here that run the built program on real captures: $colmap,
-# and the scratch folder $work.
+# Sourced by the scripts here that run the built program on captures: $colmap, and
+# the scratch folder $work.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
 colmap=${MFIR_COLMAP:-$root/build/bin/colmap}

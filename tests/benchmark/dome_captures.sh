@@ -7,8 +7,8 @@
 #   tests/benchmark/dome_captures.sh [--frames N] [--dense_features]
 #     FOLDER... [-- refiner options...]
 set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
-colmap=${MFIR_COLMAP:-$root/build/bin/colmap}
+# shellcheck source=tests/benchmark/common.sh
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 num_frames=1000000
 dense_features=0
 folders=()
@@ -25,8 +25,6 @@ done
   sed -n '2,8p' "${BASH_SOURCE[0]}" >&2
   exit 1
 }
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
 
 # value KEY: mean of a metric in the log.
 value() {

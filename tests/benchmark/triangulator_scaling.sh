@@ -6,8 +6,8 @@
 #
 #   tests/benchmark/triangulator_scaling.sh [CAMERAS... [-- OPTION...]]
 set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
-colmap=${MFIR_COLMAP:-$root/build/bin/colmap}
+# shellcheck source=tests/benchmark/common.sh
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 numbers=()
 while (($# > 0)) && [[ $1 != -- ]]; do
   numbers+=("$1")
@@ -15,15 +15,8 @@ while (($# > 0)) && [[ $1 != -- ]]; do
 done
 (($# == 0)) || shift
 ((${#numbers[@]} > 0)) || numbers=(10 31 64)
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
 
-# number KEY: the first number of the key in the record of the frame.
-number() {
-  sed -n "s/.*\"$1\": \([-0-9.e]*\).*/\1/p" \
-    "$work/frames/frame000000/triangulation.json" | head -n 1
-}
-
+record=$work/frames/frame000000/triangulation.json
 TIMEFORMAT=%U
 printf '%8s %6s %7s %12s %11s %13s %14s %8s\n' cameras pairs points \
   extraction_s matching_s verification_s triangulation_s user_s
@@ -36,10 +29,10 @@ for num_cameras in "${numbers[@]}"; do
   { time "$colmap" multi_frame_triangulator --image_path "$work/capture/images" \
     --extrinsics_path "$work/capture/rig" --output_path "$work/frames" \
     --MultiFrameTriangulator.num_threads 1 "$@" >"$work/log.txt"; } 2>"$work/time.txt"
-  awk -v n="$num_cameras" -v pairs="$(number num_pairs)" \
-    -v points="$(number num_points)" -v e="$(number extraction)" \
-    -v m="$(number matching)" -v v="$(number verification)" \
-    -v t="$(number triangulation)" '{ f = $1 / (e + m + v + t)
+  awk -v n="$num_cameras" -v pairs="$(number num_pairs "$record")" \
+    -v points="$(number num_points "$record")" -v e="$(number extraction "$record")" \
+    -v m="$(number matching "$record")" -v v="$(number verification "$record")" \
+    -v t="$(number triangulation "$record")" '{ f = $1 / (e + m + v + t)
       printf "%8d %6d %7d %12.1f %11.1f %13.1f %14.1f %8.1f\n",
         n, pairs, points, f * e, f * m, f * v, f * t, $1 }' "$work/time.txt"
 done

@@ -10,8 +10,8 @@
 #
 # MODEL: OPENCV (default), RADIAL, OPENCV_FISHEYE, ...
 set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd -P)
-colmap=${MFIR_COLMAP:-$root/build/bin/colmap}
+# shellcheck source=tests/benchmark/common.sh
+source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 model=${1:-OPENCV}
 seed=${2:-0}
 num_cameras=${3:-16}
@@ -21,8 +21,6 @@ case $model in
   SIMPLE_RADIAL* | RADIAL*) names=(f cx cy) ;;
   *) names=(fx fy cx cy) ;;
 esac
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
 
 # Close cameras with short lenses, so that the object fills the images: 0.05 moves
 # their corners by 5 px.
