@@ -117,7 +117,8 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("min_information",
       &options->min_information,
       "Combinations of intrinsics about which the data say less (1/px^2) stay "
-      "at their start");
+      "at their start; -1: determined worse than 2 % of the focal length or of "
+      "half the image diagonal; 0: none");
   add("camera_model",
       &options->camera_model,
       "COLMAP camera model to convert all cameras to");

@@ -344,6 +344,7 @@ Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
           {"num_tracks", result.static_points->NumTracks()},
           {"observation_share", result.static_points->ObservationShare()}}},
         {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
+        {"last_step_stds", result.refinement.last_step_stds},
         {"last_focal_change", result.refinement.last_focal_change},
         {"noise_std_px", result.refinement.noise_std_px},
         {"feature_noise_std_px",

@@ -47,16 +47,26 @@ struct FixedExtrinsicsOptions {
   // 1 where cost is a negative log-likelihood.
   double prior_weight = 1.0;
 
-  // Combinations of intrinsics (in pixels, distortion by what it moves the
-  // image corner) about which the normal equations hold less information than
-  // this (1/px^2) stay where they are. 0: none.
+  // Combinations of intrinsics that the data determine worse than this are held
+  // at prior_params (where they are if that is empty), unless they contradict
+  // it. Positive: less information (1/px^2; intrinsics in pixels,
+  // distortion by what it moves the image corner). Negative: a standard
+  // deviation of more than 2 % of the focal length; for the others, of what
+  // moves the image corner by 2 % of half the image diagonal. 0: none.
   double min_information = 0.0;
+  // Whether a weak prior, 2.5 times wider, keeps all intrinsics near
+  // prior_params: far from the solution, where nothing can be said about what
+  // the data determine.
+  bool weak_prior = false;
 
   int max_num_iterations = 100;
 
-  // Converged when an undamped step changes no focal length by more than this
-  // (relative), no principal point by more than this times the focal length,
-  // and no distortion by more than that at the image corner.
+  // Converged when an undamped step moves no intrinsic parameter, and no
+  // combination of them, by more than this share of its standard deviation ...
+  double step_tolerance = 1e-4;
+  // ... or, where that is less, no focal length by more than this (relative),
+  // no principal point by more than this times the focal length, and no
+  // distortion by more than that at the image corner.
   double parameter_tolerance = 1e-10;
 
   // Whether to compute the covariance at the solution.
@@ -75,11 +85,16 @@ struct FixedExtrinsicsSummary {
   double final_feature_cost = 0.0;  // part of final_cost
   int num_iterations = 0;
   bool converged = false;
-  // Largest change of a focal length in the last step, relative.
+  // The last undamped step: the most by which it moves a parameter or a
+  // combination of parameters, in standard deviations, and a focal length,
+  // relative.
+  double last_step_stds = 0.0;
   double last_focal_change = 0.0;
+  // Tracks whose point has no minimum: they take no part.
+  size_t num_tracks_left_out = 0;
   // Covariance of the intrinsics, stacked by camera; parameters that are not
-  // refined have zero rows, combinations held by min_information a variance of
-  // about 1 / min_information; all is NaN if the normal equations are singular.
+  // refined have zero rows, combinations held by min_information the variance
+  // that it stands for; all is NaN if the normal equations are singular.
   // It is the sandwich H^-1 G H^-1 with H the reduced Hessian and G the sum of
   // the outer products of the gradients of tracks, which are added up before in
   // each group of repeated_tracks: honest whatever the noise is, as long as

@@ -8,6 +8,28 @@
 namespace mfir {
 namespace {
 
+// How far from its start a parameter may well be: a focal length by this share
+// of it, the others by what moves the image corner by this share of half the
+// image diagonal.
+constexpr double kPlausibleShare = 0.02;
+// The weak prior is this much wider: starts may be worse than plausible.
+constexpr double kWeakPriorFactor = 2.5;
+// Corrections of poses have a prior of their own, and are never held.
+constexpr double kPosePlausibleFactor = 10.0;
+
+double PlausibleStd(const FixedExtrinsicsOptions& options,
+                    const RigCamera& camera,
+                    const FreeParam& param) {
+  if (options.min_information > 0.0) {
+    return 1.0 / (std::sqrt(options.min_information) * param.pixels);
+  }
+  const double half_diagonal = 0.5 * std::hypot(camera.width, camera.height);
+  return kPlausibleShare *
+         (param.type == FreeParam::kFocalLength ? param.focal_length
+                                                : half_diagonal) /
+         param.pixels;
+}
+
 Eigen::Matrix3d ExpRotation(const Eigen::Vector3d& rotation_vector) {
   const double angle = rotation_vector.norm();
   if (angle == 0.0) return Eigen::Matrix3d::Identity();
@@ -50,6 +72,7 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
                        idx,
                        pixel_scales[idx],
                        focal_length,
+                       0.0,
                        0.0};
     bool refine = options.refine_extra_params;
     if (contains(model.FocalLengthIdxs(), idx)) {
@@ -61,7 +84,12 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
       param.prior_std = options.principal_point_std;
       refine = options.refine_principal_point;
     }
-    if (refine) params.push_back(param);
+    if (!refine) continue;
+    param.plausible_std = PlausibleStd(options, camera, param);
+    if (options.weak_prior && param.type == FreeParam::kExtra) {
+      param.prior_std = kWeakPriorFactor * param.plausible_std;
+    }
+    params.push_back(param);
   }
   if (options.rotation_std == 0.0 && options.center_std == 0.0) return params;
   // A standard deviation of zero means exactly known: a very stiff prior.
@@ -77,7 +105,8 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
                       axis,
                       focal_length,
                       focal_length,
-                      rotation_std});
+                      rotation_std,
+                      kPosePlausibleFactor * rotation_std});
   }
   for (size_t axis = 0; axis < 3; ++axis) {
     params.push_back({FreeParam::kCenter,
@@ -85,7 +114,8 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
                       axis,
                       focal_length / distance,
                       focal_length,
-                      center_std});
+                      center_std,
+                      kPosePlausibleFactor * center_std});
   }
   return params;
 }
@@ -93,8 +123,7 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
 FreeParams ToFreeParams(const std::vector<FreeParam>& camera_params) {
   FreeParams free_params;
   for (const FreeParam& param : camera_params) {
-    if (param.type == FreeParam::kRotation ||
-        param.type == FreeParam::kCenter) {
+    if (param.IsPose()) {
       free_params.pose = true;
     } else {
       free_params.intrinsics_idxs.push_back(param.idx);

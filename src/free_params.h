@@ -17,10 +17,13 @@ struct FreeParam {
   enum Type { kFocalLength, kPrincipalPoint, kExtra, kRotation, kCenter };
   Type type;
   size_t camera_idx;
-  size_t idx;           // into the intrinsics, or axis of the correction
-  double pixels;        // by which a unit moves the image, about
-  double focal_length;  // of its camera
-  double prior_std;     // 0: no prior
+  size_t idx;            // into the intrinsics, or axis of the correction
+  double pixels;         // by which a unit moves the image, about
+  double focal_length;   // of its camera
+  double prior_std;      // 0: no prior
+  double plausible_std;  // how far from its start it may well be
+
+  bool IsPose() const { return type == kRotation || type == kCenter; }
 };
 
 // Pixels by which a unit of each distortion coefficient moves the image corner;

@@ -51,6 +51,7 @@ struct FreeParams {
 
 struct Linearization {
   Eigen::Vector2d residual;  // px
+  double depth;              // world units
   Matrix2x3 jacobian_point;
   Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2, kMaxNumParams>
       jacobian_params;
@@ -94,6 +95,7 @@ inline bool LinearizeObservation(const CameraModel& model,
                             jacobian_uv.data(),
                             jacobian_intrinsics);
   linearization->residual = xy - observed_xy;
+  linearization->depth = p.z();
   // d(u, v) / d(p) = [1 0 -u; 0 1 -v] / z.
   Matrix2x3 jacobian_cam;
   jacobian_cam << jacobian_uv * inverse_depth,

@@ -60,11 +60,10 @@ Eigen::MatrixXd IntrinsicsCovariance(const std::vector<FreeParam>& params,
   }
   std::vector<Eigen::Index> targets;
   for (const FreeParam& param : params) {
-    const bool is_pose =
-        param.type == FreeParam::kRotation || param.type == FreeParam::kCenter;
-    targets.push_back(is_pose ? -1
-                              : camera_begins[param.camera_idx] +
-                                    static_cast<Eigen::Index>(param.idx));
+    targets.push_back(param.IsPose()
+                          ? -1
+                          : camera_begins[param.camera_idx] +
+                                static_cast<Eigen::Index>(param.idx));
   }
   Eigen::MatrixXd covariance =
       Eigen::MatrixXd::Zero(num_intrinsics, num_intrinsics);

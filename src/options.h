@@ -76,9 +76,10 @@ struct MultiFrameOptions {
   double prior_focal_std = 0.0;
   double prior_principal_point_std = 0.0;
 
-  // Combinations of intrinsics about which the data say less than this (1/px^2,
-  // see FixedExtrinsicsOptions) stay at their start.
-  double min_information = 1e-6;
+  // Combinations of intrinsics about which the data say less than this (1/px^2)
+  // stay at their start. -1: that they determine worse than the start plausibly
+  // is; 0: none. See FixedExtrinsicsOptions.
+  double min_information = -1.0;
 
   // COLMAP camera model that all cameras are converted to; empty: as they are.
   std::string camera_model;

@@ -13,6 +13,8 @@ namespace mfir {
 namespace {
 
 constexpr size_t kTracksPerChunk = 256;
+// Of a track in the normal equations.
+constexpr double kMinCurvatureShare = 0.1;
 constexpr size_t kMaxChunkBytes = size_t{512} << 20;
 
 Track::Observation MakeTrackObservation(const Frame& frame,
@@ -43,6 +45,7 @@ PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
       scene_,
       params_.by_camera);
   PartitionTracks();
+  left_out_.assign(tracks_.size(), 0);
   point_steps_.resize(tracks_.size());
   back_blocks_.resize(observations_.size());
 }
@@ -122,7 +125,8 @@ void PointElimination::EliminateTrack(size_t track_idx,
   const Track& track = tracks_[track_idx];
   const TrackSolver& track_solver = *track_solver_;
   track_solver.Linearize(track, states, *track.xyz, &linearizations);
-  track_solver.BuildSystem(track, linearizations, curvature, 0.0, &system);
+  track_solver.BuildSystem(
+      track, linearizations, curvature, kMinCurvatureShare, 0.0, &system);
 
   point_steps_[track_idx] = system.hessian.solve(system.gradient);
   ParamsBlock* back_blocks = &back_blocks_[static_cast<size_t>(
@@ -164,6 +168,7 @@ NormalEquations PointElimination::BuildNormalEquations(const States& states,
                     [&](size_t chunk, size_t begin, size_t end) {
                       chunks[chunk].SetZero(params_.Size());
                       for (size_t i = begin; i < end; ++i) {
+                        if (left_out_[i]) continue;
                         EliminateTrack(i, states, curvature, &chunks[chunk]);
                       }
                     });
@@ -186,7 +191,7 @@ void PointElimination::AddGradient(size_t track_idx,
   const TrackSolver& track_solver = *track_solver_;
   track_solver.Linearize(track, states, *track.xyz, &linearizations);
   track_solver.BuildSystem(
-      track, linearizations, Curvature::kReweighted, 0.0, &system);
+      track, linearizations, Curvature::kReweighted, 0.0, 0.0, &system);
   for (size_t i = 0; i < track.length; ++i) {
     const size_t camera_idx = track.observations[i].camera_idx;
     const auto& jacobian = linearizations[i].jacobian_params;
@@ -245,6 +250,7 @@ Eigen::MatrixXd PointElimination::GradientOuter(const States& states) const {
     for (size_t i = begin; i < end; ++i) {
       camera_idxs.clear();
       for (const size_t track_idx : groups[i]) {
+        if (left_out_[track_idx]) continue;
         AddGradient(track_idx, states, &gradient, &camera_idxs);
       }
       std::sort(camera_idxs.begin(), camera_idxs.end());
@@ -272,7 +278,9 @@ double PointElimination::TryStep(const Eigen::VectorXd& step,
           const size_t first =
               static_cast<size_t>(track.observations - observations_.data());
           Eigen::Vector3d& xyz = (*new_points)[i];
-          xyz = *track.xyz - point_steps_[i];
+          xyz = *track.xyz;
+          if (left_out_[i]) continue;
+          xyz -= point_steps_[i];
           for (size_t k = 0; k < track.length; ++k) {
             const size_t camera_idx = track.observations[k].camera_idx;
             const ParamsBlock& block = back_blocks_[first + k];
@@ -283,7 +291,7 @@ double PointElimination::TryStep(const Eigen::VectorXd& step,
                 track_solver.Cost(track, new_states, *track.xyz))) {
             xyz = *track.xyz;
           }
-          costs[chunk] += track_solver.Minimize(track, new_states, &xyz);
+          costs[chunk] += track_solver.Minimize(track, new_states, &xyz).cost;
         }
       });
   return std::accumulate(costs.begin(), costs.end(), 0.0);
@@ -291,14 +299,27 @@ double PointElimination::TryStep(const Eigen::VectorXd& step,
 
 double PointElimination::MinimizePoints(const States& states) {
   std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
-  ParallelForChunks(
-      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
-        for (size_t i = begin; i < end; ++i) {
-          const Track& track = tracks_[i];
-          costs[chunk] += track_solver_->Minimize(track, states, track.xyz);
-        }
-      });
+  ParallelForChunks(tracks_.size(),
+                    [&](size_t chunk, size_t begin, size_t end) {
+                      for (size_t i = begin; i < end; ++i) {
+                        const Track& track = tracks_[i];
+                        const TrackSolver::Minimum minimum =
+                            track_solver_->Minimize(track, states, track.xyz);
+                        left_out_[i] = left_out_[i] || LeavesOut(minimum);
+                        if (!left_out_[i]) costs[chunk] += minimum.cost;
+                      }
+                    });
   return std::accumulate(costs.begin(), costs.end(), 0.0);
+}
+
+size_t PointElimination::NumLeftOut() const {
+  return static_cast<size_t>(
+      std::count(left_out_.begin(), left_out_.end(), char{1}));
+}
+
+// Cost maps have kinks, at which no point is regular.
+bool PointElimination::LeavesOut(const TrackSolver::Minimum& minimum) const {
+  return !minimum.converged && options_.cost_map_loss == nullptr;
 }
 
 void PointElimination::SetPoints(const Points& points) {
@@ -309,17 +330,27 @@ void PointElimination::SetPoints(const Points& points) {
 
 bool PointElimination::ImprovePoints(const States& states, double* cost) {
   std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
-  std::vector<size_t> num_moved(costs.size(), 0);
+  std::vector<size_t> num_changed(costs.size(), 0);
   ParallelForChunks(
       tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
         for (size_t i = begin; i < end; ++i) {
+          if (left_out_[i]) continue;
           const Track& track = tracks_[i];
-          num_moved[chunk] +=
-              track_solver_->FindLowerMinimum(track, states, track.xyz);
-          costs[chunk] += track_solver_->Cost(track, states, *track.xyz);
+          if (options_.improve_points) {
+            num_changed[chunk] +=
+                track_solver_->FindLowerMinimum(track, states, track.xyz);
+          }
+          const TrackSolver::Minimum minimum =
+              track_solver_->Minimize(track, states, track.xyz);
+          if (LeavesOut(minimum)) {
+            left_out_[i] = 1;
+            ++num_changed[chunk];
+          } else {
+            costs[chunk] += minimum.cost;
+          }
         }
       });
-  if (std::accumulate(num_moved.begin(), num_moved.end(), size_t{0}) == 0) {
+  if (std::accumulate(num_changed.begin(), num_changed.end(), size_t{0}) == 0) {
     return false;
   }
   *cost = std::accumulate(costs.begin(), costs.end(), 0.0);
@@ -328,8 +359,9 @@ bool PointElimination::ImprovePoints(const States& states, double* cost) {
 
 double PointElimination::FeatureCost(const States& states) const {
   double cost = 0.0;
-  for (const Track& track : tracks_) {
-    cost += track_solver_->FeatureCost(track, states, *track.xyz);
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    if (left_out_[i]) continue;
+    cost += track_solver_->FeatureCost(tracks_[i], states, *tracks_[i].xyz);
   }
   return cost;
 }

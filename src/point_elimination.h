@@ -43,8 +43,10 @@ class PointElimination {
   // Points must be at their minima.
   Eigen::MatrixXd GradientOuter(const States& states) const;
 
-  // Moves the points to their minima; returns the cost.
+  // Moves the points to their minima; returns the cost. Leaves out the tracks
+  // that have none, for good.
   double MinimizePoints(const States& states);
+  size_t NumLeftOut() const;
 
   // Cost after the step that the last normal equations gave. Each point takes
   // its own step or stays, whichever is better, and moves on to its minimum:
@@ -54,7 +56,9 @@ class PointElimination {
                  Points* new_points) const;
   void SetPoints(const Points& points);
 
-  // Moves points to lower minima: whether any moved, and then the cost.
+  // Moves points to lower minima, where they have several, and leaves out
+  // tracks that no longer have any: whether anything changed, and then the
+  // cost.
   bool ImprovePoints(const States& states, double* cost);
 
   // The part of features and cost maps.
@@ -65,6 +69,8 @@ class PointElimination {
       Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, kMaxNumParams, 3>;
   using ParamsBlocks =
       std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>;
+
+  bool LeavesOut(const TrackSolver::Minimum& minimum) const;
 
   void CollectTracks();
   std::vector<bool> ObservedCameras() const;
@@ -99,6 +105,10 @@ class PointElimination {
   std::vector<Track::Observation> observations_;
   std::vector<Track> tracks_;
   std::vector<TrackIndex> track_idxs_;  // in the scene, ascending
+  // By track: without a regular minimum, its point has no derivatives by the
+  // cameras. Such points run into a camera centre, or have no two observations
+  // that fit, and tell nothing. (Not bool: threads write to it.)
+  std::vector<char> left_out_;
   size_t chunk_size_ = 0;
   ReducedParams params_;
   std::optional<TrackSolver> track_solver_;

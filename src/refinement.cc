@@ -19,8 +19,10 @@ namespace {
 
 // Approach from the frames' reconstructions.
 constexpr int kMaxNumStartSolves = 50;
-constexpr int kMaxNumStartIterations = 20;
-constexpr double kStartTolerance = 1e-9;
+// Standard deviations: what follows are a scale, in steps of 2 %, and a better
+// loss.
+constexpr double kStartStepTolerance = 0.03;
+constexpr double kStepTolerance = 1e-4;
 // Cauchy scale in units of the noise: 95 % efficient for Gaussian noise.
 constexpr double kCauchyScaleInStds = 2.385;
 constexpr double kScaleStep = 1.02;
@@ -107,10 +109,11 @@ class Refiner {
     const FixedExtrinsicsSummary summary =
         Solve("final",
               losses,
-              options_.max_num_iterations,
+              kStepTolerance,
               losses.cost_maps == nullptr ? kTolerance : kCostMapTolerance);
     RefinementResult result;
     result.converged = summary.converged;
+    result.last_step_stds = summary.last_step_stds;
     result.last_focal_change = summary.last_focal_change;
     result.covariance = summary.covariance;
     result.held_cameras = summary.held_cameras;
@@ -158,8 +161,8 @@ class Refiner {
 
   FixedExtrinsicsSummary Solve(const std::string& name,
                                const Losses& losses,
-                               int max_num_iterations,
-                               double tolerance) {
+                               double step_tolerance,
+                               double parameter_tolerance) {
     const auto start = std::chrono::steady_clock::now();
     FixedExtrinsicsOptions solver_options;
     // Principal points make up for most of what the poses of the frames made up
@@ -176,8 +179,9 @@ class Refiner {
     solver_options.cost_map_loss = losses.cost_maps;
     // The minima of a fixed, sharp loss are those the schedule leads to.
     solver_options.improve_points = EstimatesLoss();
-    solver_options.max_num_iterations = max_num_iterations;
-    solver_options.parameter_tolerance = tolerance;
+    solver_options.max_num_iterations = options_.max_num_iterations;
+    solver_options.step_tolerance = step_tolerance;
+    solver_options.parameter_tolerance = parameter_tolerance;
     if (name == "final") {
       solver_options.compute_covariance = true;
       solver_options.repeated_tracks = FindStaticPoints(*scene_);
@@ -191,9 +195,12 @@ class Refiner {
     solver_options.center_std = options_.extrinsics_translation_std;
     solver_options.focal_std = options_.prior_focal_std;
     solver_options.principal_point_std = options_.prior_principal_point_std;
-    // Far from the solution little information only means a bad fit.
+    // Far from the solution little information only means a bad fit: nothing
+    // is held yet, but nothing may run away.
     if (name == "final") {
       solver_options.min_information = options_.min_information;
+    } else {
+      solver_options.weak_prior = options_.min_information != 0.0;
     }
     double weight_sum = 0.0;
     double num_observations = 0.0;
@@ -246,7 +253,7 @@ class Refiner {
     for (int i = 0; i < kMaxNumStartSolves; ++i) {
       const CauchyLosses losses = MakeCauchyLosses();
       const std::string name = i == 0 ? first_name : "start";
-      Solve(name, losses.Get(), kMaxNumStartIterations, kStartTolerance);
+      Solve(name, losses.Get(), kStartStepTolerance, kTolerance);
       const NoiseSampleSets samples = Samples(losses.Get());
       const double std_px = RoundedStd(RobustStd(samples.keypoints));
       const double feature_std_px =
@@ -355,6 +362,8 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
     }
     const double num_frames = static_cast<double>(scene->frames.size());
     result.converged = result.converged && frame_result.converged;
+    result.last_step_stds =
+        std::max(result.last_step_stds, frame_result.last_step_stds);
     result.last_focal_change =
         std::max(result.last_focal_change, frame_result.last_focal_change);
     for (size_t c = 0; c < result.held_cameras.size(); ++c) {

@@ -20,7 +20,8 @@ void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene);
 
 struct RefinementResult {
   bool converged = false;
-  // Largest relative change of a focal length in the last step.
+  // See FixedExtrinsicsSummary.
+  double last_step_stds = 0.0;
   double last_focal_change = 0.0;
   // See FixedExtrinsicsSummary; the tracks of a static point
   // (static_point_search.h) have common errors. In single-frame mode: of the

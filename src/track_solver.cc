@@ -13,6 +13,28 @@ namespace {
 // Most intersections of rays lead to the same few minima.
 constexpr size_t kMaxNumStarts = 3;
 
+// A point is at its minimum when a step would lower its cost by less than this
+// share, or by less than that of an observation this far (px) from its
+// keypoint.
+constexpr double kCostTolerance = 1e-12;
+constexpr double kDistanceTolerance = 1e-10;
+// Regular minima take two to ten.
+constexpr int kMaxNumIterations = 50;
+constexpr double kConvergedDamping = 1.0;  // of the diagonal
+// Smallest depth relative to the largest of the same point.
+constexpr double kMinDepthRatio = 0.02;
+
+// Whether the point is next to the centre of a camera.
+bool IsAtCamera(const std::vector<Linearization>& linearizations) {
+  double min_depth = std::numeric_limits<double>::infinity();
+  double max_depth = 0.0;
+  for (const Linearization& linearization : linearizations) {
+    min_depth = std::min(min_depth, linearization.depth);
+    max_depth = std::max(max_depth, linearization.depth);
+  }
+  return min_depth < kMinDepthRatio * max_depth;
+}
+
 }  // namespace
 
 Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
@@ -34,7 +56,11 @@ Eigen::Matrix2d RobustHessian(const Eigen::Vector2d& residual,
 TrackSolver::TrackSolver(const TrackLosses& losses,
                          const Scene* scene,
                          std::vector<FreeParams> free_params)
-    : losses_(losses), scene_(scene), free_params_(std::move(free_params)) {}
+    : losses_(losses), scene_(scene), free_params_(std::move(free_params)) {
+  double rho[3];
+  losses_.keypoints->Evaluate(0.0, rho);
+  information_at_zero_ = rho[1];
+}
 
 double TrackSolver::Cost(const Track& track,
                          const std::vector<CameraState>& states,
@@ -152,14 +178,17 @@ void TrackSolver::AddFeatureTerms(const Track& track,
 void TrackSolver::BuildSystem(const Track& track,
                               const std::vector<Linearization>& linearizations,
                               Curvature curvature,
+                              double min_share,
                               double damping,
                               TrackSystem* system) const {
   system->observations.resize(linearizations.size());
   Eigen::Matrix3d hessian = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d reweighted_hessian = Eigen::Matrix3d::Zero();
   for (const Curvature tried_curvature :
        {Curvature::kNewton, Curvature::kClamped, Curvature::kReweighted}) {
     if (tried_curvature < curvature) continue;
     hessian.setZero();
+    reweighted_hessian.setZero();
     system->gradient.setZero();
     for (size_t i = 0; i < linearizations.size(); ++i) {
       const Eigen::Vector2d& residual = linearizations[i].residual;
@@ -176,36 +205,50 @@ void TrackSolver::BuildSystem(const Track& track,
                       system);
       const Matrix2x3& jacobian = linearizations[i].jacobian_point;
       hessian += jacobian.transpose() * observation.weight * jacobian;
+      if (min_share > 0.0) {
+        reweighted_hessian +=
+            track.weight * rho[1] * jacobian.transpose() * jacobian;
+      }
       system->gradient += jacobian.transpose() * observation.weighted_residual;
     }
     // Whatever the axes of the world.
     hessian.diagonal().array() += damping * hessian.trace() / 3.0;
+    const bool enough =
+        min_share == 0.0 || tried_curvature == Curvature::kReweighted ||
+        Eigen::LLT<Eigen::Matrix3d>(hessian - min_share * reweighted_hessian)
+                .info() == Eigen::Success;
     system->hessian.compute(hessian);
-    if (system->hessian.info() == Eigen::Success) return;
+    if (enough && system->hessian.info() == Eigen::Success) return;
   }
   // No information along some direction even with positive weights.
   hessian.diagonal().array() += std::max(1e-12 * hessian.trace(), 1e-300);
   system->hessian.compute(hessian);
 }
 
-double TrackSolver::Minimize(const Track& track,
-                             const std::vector<CameraState>& states,
-                             Eigen::Vector3d* xyz) const {
-  constexpr int kMaxNumIterations = 20;
+TrackSolver::Minimum TrackSolver::Minimize(
+    const Track& track,
+    const std::vector<CameraState>& states,
+    Eigen::Vector3d* xyz) const {
   thread_local std::vector<Linearization> linearizations;
   thread_local TrackSystem system;
-  double cost = Cost(track, states, *xyz);
+  const double min_decrease = track.weight * information_at_zero_ *
+                              kDistanceTolerance * kDistanceTolerance;
+  Minimum minimum;
+  minimum.cost = Cost(track, states, *xyz);
+  double& cost = minimum.cost;
   double damping = 0.0;
   bool moved = true;
   for (int i = 0; i < kMaxNumIterations && std::isfinite(cost); ++i) {
     if (moved) Linearize(track, states, *xyz, &linearizations);
-    BuildSystem(track, linearizations, Curvature::kNewton, damping, &system);
+    BuildSystem(
+        track, linearizations, Curvature::kNewton, 0.0, damping, &system);
     const Eigen::Vector3d step = system.hessian.solve(system.gradient);
     const double expected_decrease = 0.5 * step.dot(system.gradient);
     const Eigen::Vector3d new_xyz = *xyz - step;
     const double new_cost = Cost(track, states, new_xyz);
     // The cost cannot resolve the last step, which gives the digits that count.
-    const bool last = !(expected_decrease > 1e-12 * cost);
+    const bool last =
+        expected_decrease <= std::max(kCostTolerance * cost, min_decrease);
     moved = new_cost < cost || (last && new_cost <= cost * (1.0 + 1e-13));
     if (moved) {
       *xyz = new_xyz;
@@ -214,9 +257,14 @@ double TrackSolver::Minimize(const Track& track,
     } else {
       damping = std::max(10.0 * damping, 1e-3);
     }
-    if (last) break;
+    if (last) {
+      // Of a damped step little decrease is to be expected anywhere.
+      minimum.converged =
+          damping < kConvergedDamping && !IsAtCamera(linearizations);
+      break;
+    }
   }
-  return cost;
+  return minimum;
 }
 
 bool TrackSolver::HasOutlier(const Track& track,
@@ -274,7 +322,7 @@ bool TrackSolver::FindLowerMinimum(const Track& track,
   double lowest_cost = cost * (1.0 - 1e-9);
   bool lower = false;
   for (size_t i = 0; i < num_starts; ++i) {
-    const double start_cost = Minimize(track, states, &starts[i].second);
+    const double start_cost = Minimize(track, states, &starts[i].second).cost;
     if (start_cost < lowest_cost) {
       lowest_cost = start_cost;
       *xyz = starts[i].second;

@@ -91,17 +91,28 @@ class TrackSolver {
                  std::vector<Linearization>* linearizations) const;
 
   // Uses less curvature than asked for where the system is not positive
-  // definite. `damping` is relative to the diagonal.
+  // definite, or, along some direction, has less than `min_share` of what it
+  // has without the second derivative of the loss: a minimum that is about to
+  // vanish, for which a quadratic model tells nothing. `damping` is relative to
+  // the diagonal.
   void BuildSystem(const Track& track,
                    const std::vector<Linearization>& linearizations,
                    Curvature curvature,
+                   double min_share,
                    double damping,
                    TrackSystem* system) const;
 
-  // Moves `xyz` to the minimum of the track's cost; returns that.
-  double Minimize(const Track& track,
-                  const std::vector<CameraState>& states,
-                  Eigen::Vector3d* xyz) const;
+  struct Minimum {
+    double cost = 0.0;
+    // False where there is no regular minimum: the cost falls all the way to a
+    // camera centre, say, where a point fits anything.
+    bool converged = false;
+  };
+
+  // Moves `xyz` to the minimum of the track's cost.
+  Minimum Minimize(const Track& track,
+                   const std::vector<CameraState>& states,
+                   Eigen::Vector3d* xyz) const;
 
   // Moves `xyz`, a minimum, to a lower one if an observation is an outlier
   // there and another choice of outliers fits better: whether it did.
@@ -133,6 +144,7 @@ class TrackSolver {
                         const std::vector<CameraState>& states) const;
 
   const TrackLosses losses_;
+  double information_at_zero_ = 0.0;  // rho'(0) of keypoints, 1/px^2
   const Scene* scene_;
   const std::vector<FreeParams> free_params_;
 };

@@ -197,7 +197,7 @@ TEST_P(TrackGradientTest, MatchesFiniteDifferences) {
   std::vector<Linearization> linearizations;
   ASSERT_TRUE(solver.Linearize(track, states, xyz, &linearizations));
   TrackSystem system;
-  solver.BuildSystem(track, linearizations, Curvature::kNewton, 0.0, &system);
+  solver.BuildSystem(track, linearizations, Curvature::kNewton, 0.0, 0.0, &system);
   for (int i = 0; i < 3; ++i) {
     const double h = 1e-6;
     const Eigen::Vector3d step = h * Eigen::Vector3d::Unit(i);
