@@ -315,8 +315,12 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
       summary->last_step_stds = length;
       summary->last_focal_change = MaxFocalChange(step);
     }
-    const bool judged = !full || 0.5 * length * length * options_.prior_weight >
-                                     kCostResolution * *cost;
+    // Damped steps are no measure of anything.
+    const bool below_floor = full && IsBelowFloor(step);
+    const double expected_decrease =
+        0.5 * length * length * options_.prior_weight;
+    const bool judged =
+        !full || (!below_floor && expected_decrease > kCostResolution * *cost);
     if (!judged && length >= shortest &&
         ++num_longer_steps > kMaxNumLongerSteps) {
       break;
@@ -325,7 +329,7 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
     const double new_cost = TryStep(step, new_states, &new_points);
     if (new_cost <= *cost || (!judged && std::isfinite(new_cost))) {
       summary->converged =
-          full && (length <= options_.step_tolerance || IsBelowFloor(step));
+          below_floor || (full && length <= options_.step_tolerance);
       if (!judged) shortest = std::min(shortest, length);
       states_ = new_states;
       points_.SetPoints(new_points);

@@ -58,7 +58,9 @@ void MultiFrameOptions::Check() const {
   CheckAtLeast("extrinsics_translation_std", extrinsics_translation_std, 0.0);
   CheckAtLeast("prior_focal_std", prior_focal_std, 0.0);
   CheckAtLeast("prior_principal_point_std", prior_principal_point_std, 0.0);
-  CheckAtLeast("min_information", min_information, -1.0);
+  if (min_information != -1.0) {
+    CheckAtLeast("min_information", min_information, 0.0);
+  }
   if (held_out_share > 0.5) {
     throw UsageError("--MultiFrame.held_out_share must be at most 0.5.");
   }

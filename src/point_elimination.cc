@@ -299,16 +299,15 @@ double PointElimination::TryStep(const Eigen::VectorXd& step,
 
 double PointElimination::MinimizePoints(const States& states) {
   std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
-  ParallelForChunks(tracks_.size(),
-                    [&](size_t chunk, size_t begin, size_t end) {
-                      for (size_t i = begin; i < end; ++i) {
-                        const Track& track = tracks_[i];
-                        const TrackSolver::Minimum minimum =
-                            track_solver_->Minimize(track, states, track.xyz);
-                        left_out_[i] = left_out_[i] || LeavesOut(minimum);
-                        if (!left_out_[i]) costs[chunk] += minimum.cost;
-                      }
-                    });
+  ParallelForChunks(
+      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
+        for (size_t i = begin; i < end; ++i) {
+          if (left_out_[i]) continue;
+          const Track& track = tracks_[i];
+          costs[chunk] +=
+              track_solver_->Minimize(track, states, track.xyz).cost;
+        }
+      });
   return std::accumulate(costs.begin(), costs.end(), 0.0);
 }
 
@@ -331,25 +330,27 @@ void PointElimination::SetPoints(const Points& points) {
 bool PointElimination::ImprovePoints(const States& states, double* cost) {
   std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
   std::vector<size_t> num_changed(costs.size(), 0);
-  ParallelForChunks(
-      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
-        for (size_t i = begin; i < end; ++i) {
-          if (left_out_[i]) continue;
-          const Track& track = tracks_[i];
-          if (options_.improve_points) {
-            num_changed[chunk] +=
-                track_solver_->FindLowerMinimum(track, states, track.xyz);
-          }
-          const TrackSolver::Minimum minimum =
-              track_solver_->Minimize(track, states, track.xyz);
-          if (LeavesOut(minimum)) {
-            left_out_[i] = 1;
-            ++num_changed[chunk];
-          } else {
-            costs[chunk] += minimum.cost;
-          }
-        }
-      });
+  ParallelForChunks(tracks_.size(),
+                    [&](size_t chunk, size_t begin, size_t end) {
+                      for (size_t i = begin; i < end; ++i) {
+                        if (left_out_[i]) continue;
+                        const Track& track = tracks_[i];
+                        TrackSolver::Minimum minimum =
+                            track_solver_->Minimize(track, states, track.xyz);
+                        if (options_.improve_points) {
+                          const double cost_before = minimum.cost;
+                          minimum = track_solver_->FindLowestMinimum(
+                              track, states, minimum, track.xyz);
+                          num_changed[chunk] += minimum.cost != cost_before;
+                        }
+                        if (LeavesOut(minimum)) {
+                          left_out_[i] = 1;
+                          ++num_changed[chunk];
+                        } else {
+                          costs[chunk] += minimum.cost;
+                        }
+                      }
+                    });
   if (std::accumulate(num_changed.begin(), num_changed.end(), size_t{0}) == 0) {
     return false;
   }

@@ -56,8 +56,8 @@ class PointElimination {
                  Points* new_points) const;
   void SetPoints(const Points& points);
 
-  // Moves points to lower minima, where they have several, and leaves out
-  // tracks that no longer have any: whether anything changed, and then the
+  // Moves points to their lowest minima, where they have several, and leaves
+  // out, for good, tracks that have none: whether anything changed, and then the
   // cost.
   bool ImprovePoints(const States& states, double* cost);
 

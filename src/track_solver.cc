@@ -303,11 +303,12 @@ std::vector<Ray> TrackSolver::Rays(
   return rays;
 }
 
-bool TrackSolver::FindLowerMinimum(const Track& track,
-                                   const std::vector<CameraState>& states,
-                                   Eigen::Vector3d* xyz) const {
-  if (!HasOutlier(track, states, *xyz)) return false;
-  const double cost = Cost(track, states, *xyz);
+TrackSolver::Minimum TrackSolver::FindLowestMinimum(
+    const Track& track,
+    const std::vector<CameraState>& states,
+    const Minimum& minimum,
+    Eigen::Vector3d* xyz) const {
+  if (minimum.converged && !HasOutlier(track, states, *xyz)) return minimum;
   std::vector<std::pair<double, Eigen::Vector3d>> starts;
   for (const Eigen::Vector3d& start : RayIntersections(Rays(track, states))) {
     starts.emplace_back(Cost(track, states, start), start);
@@ -318,18 +319,18 @@ bool TrackSolver::FindLowerMinimum(const Track& track,
       starts.begin() + static_cast<std::ptrdiff_t>(num_starts),
       starts.end(),
       [](const auto& a, const auto& b) { return a.first < b.first; });
-  // The same minimum again, up to rounding, is no lower one.
-  double lowest_cost = cost * (1.0 - 1e-9);
-  bool lower = false;
+  Minimum lowest = minimum;
   for (size_t i = 0; i < num_starts; ++i) {
-    const double start_cost = Minimize(track, states, &starts[i].second).cost;
-    if (start_cost < lowest_cost) {
-      lowest_cost = start_cost;
+    const Minimum other = Minimize(track, states, &starts[i].second);
+    // The same minimum again, up to rounding, is no lower one. Any is better
+    // than none.
+    if (other.converged &&
+        (!lowest.converged || other.cost < lowest.cost * (1.0 - 1e-9))) {
+      lowest = other;
       *xyz = starts[i].second;
-      lower = true;
     }
   }
-  return lower;
+  return lowest;
 }
 
 }  // namespace mfir

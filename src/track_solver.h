@@ -114,11 +114,13 @@ class TrackSolver {
                    const std::vector<CameraState>& states,
                    Eigen::Vector3d* xyz) const;
 
-  // Moves `xyz`, a minimum, to a lower one if an observation is an outlier
-  // there and another choice of outliers fits better: whether it did.
-  bool FindLowerMinimum(const Track& track,
-                        const std::vector<CameraState>& states,
-                        Eigen::Vector3d* xyz) const;
+  // Moves `xyz`, at the given minimum, to a lower one if an observation is an
+  // outlier there and another choice of outliers fits better. Returns where it
+  // ends.
+  Minimum FindLowestMinimum(const Track& track,
+                            const std::vector<CameraState>& states,
+                            const Minimum& minimum,
+                            Eigen::Vector3d* xyz) const;
 
  private:
   bool HasFeature(const Track::Observation& observation) const {

@@ -55,6 +55,7 @@ TEST(FixedExtrinsicsRobustness, CommonFactorOfTheWeightsDoesNotMatter) {
     Scene scene = start;
     FixedExtrinsicsOptions options = Options(&loss);
     options.frame_weights = {weight, weight};
+    options.prior_weight = weight;
     EXPECT_TRUE(SolveFixedExtrinsics(options, &scene).converged);
     EXPECT_LT(MaxParamsDifference(scene, expected), 1e-9);
   }

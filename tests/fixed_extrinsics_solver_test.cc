@@ -18,6 +18,7 @@ const ceres::TrivialLoss kTrivialLoss;
 FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
   FixedExtrinsicsOptions options;
   options.loss = loss;
+  options.step_tolerance = 1e-6;
   return options;
 }
 

@@ -56,7 +56,6 @@ INSTANTIATE_TEST_SUITE_P(
         DoubleOption{"prior_focal_std", &MultiFrameOptions::prior_focal_std},
         DoubleOption{"prior_principal_point_std",
                      &MultiFrameOptions::prior_principal_point_std},
-        DoubleOption{"min_information", &MultiFrameOptions::min_information},
         DoubleOption{"loss_scale", &MultiFrameOptions::loss_scale}),
     [](const auto& info) { return info.param.name; });
 
@@ -65,6 +64,18 @@ TEST_P(DoubleOptionTest, RefusesNanInfinityAndNegativeValues) {
     MultiFrameOptions options;
     options.*GetParam().member = value;
     ExpectRefused(options, GetParam().name);
+  }
+}
+
+TEST(MultiFrameOptions, MinInformationMayBeAutomatic) {
+  MultiFrameOptions options;
+  for (const double value : {-1.0, 0.0, 1e-6}) {
+    options.min_information = value;
+    EXPECT_NO_THROW(options.Check());
+  }
+  for (const double value : {kNaN, kInf, -0.5, -2.0}) {
+    options.min_information = value;
+    ExpectRefused(options, "min_information");
   }
 }
 
