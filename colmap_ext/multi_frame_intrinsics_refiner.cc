@@ -237,6 +237,14 @@ void ThrowUnlessConverged(const RefinerResult& result,
   }
   const std::string where =
       "the result is in " + path + ", with status " + result.status + ". ";
+  if (result.status == "contradicting_extrinsics" && names.empty()) {
+    throw SolverError(
+        "The frames contradict the extrinsics in RIG: the residuals or focal "
+        "lengths of " +
+        std::to_string(spoilt.num_spoilt) + " of " +
+        std::to_string(spoilt.num_others) + " cameras are absurd; " + where +
+        "Is it the RIG of this array, with the right name at every camera?");
+  }
   if (result.status == "contradicting_extrinsics") {
     throw SolverError(
         "Cameras that contradict their extrinsics in RIG (" + names +
@@ -371,8 +379,10 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   }
   result.rms_px_before = RmsByCamera(scene, residuals_before, inliers);
   result.rms_px_after = RmsByCamera(scene, residuals_after, inliers);
-  result.status = !contradictions.empty() && spoilt.Most()
-                      ? "contradicting_extrinsics"
+  // Intrinsics of a soft solve need not fit the known extrinsics.
+  const bool contradicts =
+      spoilt.Most() && (!contradictions.empty() || multi_frame.progressive);
+  result.status = contradicts                   ? "contradicting_extrinsics"
                   : result.refinement.converged ? "converged"
                                                 : "not_converged";
   const std::string held_out_rms =

@@ -48,6 +48,7 @@ class Solver {
   // to their start along them.
   void HoldUndetermined();
   Eigen::VectorXd DifferenceFromStart() const;
+  bool FocalLengthsLeap(const States& new_states) const;
   // In the directions that are not held.
   bool ComputeFreeStep(const NormalEquations& equations,
                        double damping,
@@ -156,7 +157,23 @@ void Solver::HoldUndetermined() {
   free_directions_ = eigen.eigenvectors()(Eigen::all, free);
   const Eigen::VectorXd held_difference =
       held_directions_ * (held_directions_.transpose() * from_start);
-  states_ = AddStep(params_, -scale.cwiseProduct(held_difference), states_);
+  const States moved =
+      AddStep(params_, -scale.cwiseProduct(held_difference), states_);
+  if (!FocalLengthsLeap(moved)) states_ = moved;
+}
+
+// A focal length that more than halves or doubles has left the region in which
+// a linearization means anything.
+bool Solver::FocalLengthsLeap(const States& new_states) const {
+  return std::any_of(params_.params.begin(),
+                     params_.params.end(),
+                     [&](const FreeParam& param) {
+                       const double ratio =
+                           new_states[param.camera_idx].params[param.idx] /
+                           states_[param.camera_idx].params[param.idx];
+                       return param.type == FreeParam::kFocalLength &&
+                              !(ratio > 0.5 && ratio < 2.0);
+                     });
 }
 
 Eigen::VectorXd Solver::DifferenceFromStart() const {
@@ -193,15 +210,8 @@ bool Solver::ComputeFreeStep(const NormalEquations& equations,
 double Solver::TryStep(const Eigen::VectorXd& step,
                        const States& new_states,
                        Points* new_points) const {
-  for (const FreeParam& param : params_.params) {
-    if (param.type != FreeParam::kFocalLength) continue;
-    // A focal length that more than halves or doubles has left the region in
-    // which the linearization means anything.
-    const double ratio = new_states[param.camera_idx].params[param.idx] /
-                         states_[param.camera_idx].params[param.idx];
-    if (!(ratio > 0.5 && ratio < 2.0)) {
-      return std::numeric_limits<double>::infinity();
-    }
+  if (FocalLengthsLeap(new_states)) {
+    return std::numeric_limits<double>::infinity();
   }
   const double cost =
       PriorCost(new_states) + points_.TryStep(step, new_states, new_points);

@@ -24,8 +24,10 @@ double PlausibleStd(const FixedExtrinsicsOptions& options,
     return 1.0 / (std::sqrt(options.min_information) * param.pixels);
   }
   const double half_diagonal = 0.5 * std::hypot(camera.width, camera.height);
+  const std::vector<double>& start =
+      camera.prior_params.empty() ? camera.params : camera.prior_params;
   return kPlausibleShare *
-         (param.type == FreeParam::kFocalLength ? param.focal_length
+         (param.type == FreeParam::kFocalLength ? start[param.idx]
                                                 : half_diagonal) /
          param.pixels;
 }

@@ -302,6 +302,11 @@ Scene SingleFrameScene(const Scene& scene, size_t frame_idx) {
   return single;
 }
 
+bool HasIntrinsicsPrior(const MultiFrameOptions& options) {
+  return options.prior_focal_std > 0.0 ||
+         options.prior_principal_point_std > 0.0;
+}
+
 void SetMedianIntrinsics(Scene* scene) {
   for (size_t i = 0; i < scene->cameras.size(); ++i) {
     RigCamera& camera = scene->cameras[i];
@@ -354,6 +359,12 @@ RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
   result.held_cameras.assign(scene->cameras.size(), false);
   for (size_t i = 0; i < scene->frames.size(); ++i) {
     Scene single = SingleFrameScene(*scene, i);
+    if (from_frames && !HasIntrinsicsPrior(options)) {
+      // What is held stays at the start of the frame, whatever the others are.
+      for (RigCamera& camera : single.cameras) {
+        camera.prior_params = camera.params;
+      }
+    }
     const RefinementResult frame_result =
         Refiner(options, callback, &single).Run(from_frames);
     scene->frames[i] = std::move(single.frames[0]);
