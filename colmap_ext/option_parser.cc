@@ -71,7 +71,7 @@ struct IniEntry {
 std::vector<IniEntry> ParseIni(const std::string& path) {
   std::istringstream file;
   try {
-    file.str(ReadInputFile(path));
+    file.str(ReadTextFile(path));
   } catch (const InputError& error) {
     throw UsageError(std::string("--project_path ") + error.what());
   }
@@ -79,10 +79,6 @@ std::vector<IniEntry> ParseIni(const std::string& path) {
   std::string section;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
-    const std::string kByteOrderMark = "\xef\xbb\xbf";
-    if (number == 1 && line.rfind(kByteOrderMark, 0) == 0) {
-      line.erase(0, kByteOrderMark.size());
-    }
     line = Trimmed(WithoutComment(line));
     const std::string where = path + ":" + std::to_string(number) + ": ";
     const size_t equals = line.find('=');

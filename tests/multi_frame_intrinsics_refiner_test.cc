@@ -327,7 +327,8 @@ TEST_F(MultiFrameRefinerTest, WeakFramesAreSkippedWithAReason) {
 }
 
 TEST_F(MultiFrameRefinerTest, FrameList) {
-  WriteFile(Path("list"), "# chosen\r\nframe000002\r\n\n frame000000 \n");
+  WriteFile(Path("list"),
+            WithInvisibles("frame000002\n# chosen\n\n frame000000\n"));
   ExpectRefines({{"frame_list_path", Path("list")}});
   const nlohmann::json summary = Summary();
   ASSERT_EQ(summary["frames"].size(), 2);
@@ -337,6 +338,16 @@ TEST_F(MultiFrameRefinerTest, FrameList) {
   fs::remove_all(Path("frames/frame000001"));
   ExpectRefines();
   EXPECT_EQ(MaxRelativeDifference(listed, Params()), 0.0);
+}
+
+TEST_F(MultiFrameRefinerTest, ConstantCameraListWithInvisibleCharacters) {
+  WriteFile(Path("list"), WithInvisibles("cam02\ncam05\n"));
+  ExpectRefines({{"constant_camera_list_path", Path("list")}});
+  const CameraParams start = Params("out", "params_initial");
+  for (const auto& [name, params] : Params()) {
+    const bool held = name == "cam02" || name == "cam05";
+    EXPECT_EQ(params == start.at(name), held) << name;
+  }
 }
 
 }  // namespace
