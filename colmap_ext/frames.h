@@ -12,6 +12,7 @@
 #include "colmap_ext/rig_io.h"
 #include "src/options.h"
 #include "src/scene.h"
+#include "src/unmatched_names.h"
 
 namespace mfir {
 
@@ -38,6 +39,7 @@ struct Capture {
   // Left out, for the report.
   std::vector<std::string> cameras_without_images;
   std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
+  ImageOfName image_of_unknown_name;               // of the latter
 
   // Cameras whose extrinsics in RIG contradict the frames, and why.
   std::map<std::string, std::string> contradicting_cameras;

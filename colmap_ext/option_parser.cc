@@ -13,6 +13,7 @@
 
 #include "colmap_ext/compat.h"
 #include "colmap_ext/input_file.h"
+#include "src/edit_distance.h"
 #include "src/errors.h"
 
 namespace mfir {
@@ -127,22 +128,6 @@ std::string ToString(const T& value) {
 }
 
 std::string ToString(const std::string& value) { return value; }
-
-// Levenshtein distance, for "did you mean".
-size_t EditDistance(const std::string& a, const std::string& b) {
-  std::vector<size_t> row(b.size() + 1);
-  for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (size_t i = 1; i <= a.size(); ++i) {
-    size_t diagonal = row[0];
-    row[0] = i;
-    for (size_t j = 1; j <= b.size(); ++j) {
-      const size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substituted});
-    }
-  }
-  return row.back();
-}
 
 }  // namespace
 

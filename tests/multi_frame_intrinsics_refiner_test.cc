@@ -253,6 +253,26 @@ TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
             std::string::npos);
 }
 
+// As a wrong name of a camera looks: to be seen also where nothing is printed.
+TEST_F(MultiFrameRefinerTest, NearestNamesOfCamerasWithoutImages) {
+  ChangeRig(
+      [](colmap::Reconstruction* rig) { rig->Image(6).SetName("CAM5.png"); });
+  const CommandResult result = Refine({{"MultiFrame.quiet", "1"}});
+  EXPECT_EQ(result.exit_code, kExitSuccess);
+  EXPECT_NE(result.error.find(
+                "WARNING: camera 'CAM5' of RIG has no image; nearest among the "
+                "images without camera: 'frame000000/cam05.png', camera "
+                "'cam05'"),
+            std::string::npos)
+      << result.error;
+  // A camera of RIG without images alone is no warning.
+  ChangeFrames([](colmap::Reconstruction* model) {
+    model->DeRegisterImage(6);
+    model->TearDown();
+  });
+  EXPECT_EQ(Refine({{"MultiFrame.quiet", "1"}}).error, "");
+}
+
 // An image without points, or even without keypoints (an empty line in the
 // text format), must not take the later ones with it.
 TEST_F(MultiFrameRefinerTest, ImagesWithoutPoints) {
