@@ -74,7 +74,7 @@ void RemoveCamerasWithoutImages(Capture* capture);
 
 // Moves each frame robustly (AlignPoses) into the coordinates `new_from_rig`
 // away from the rig's. Skips frames that do not align; throws InputError if
-// none does.
+// none does, or if most fit the rig far better in another convention of poses.
 void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
 
 // Ids of all points, ascending: the order of Frame::points.
