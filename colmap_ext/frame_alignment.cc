@@ -1,22 +1,58 @@
 // Alignment of the frames to the rig.
 
+#include <map>
+
 #include "colmap_ext/frames.h"
 #include "src/alignment.h"
 #include "src/errors.h"
+#include "src/pose_conventions.h"
 
 namespace mfir {
+namespace {
+
+struct FramePoses {
+  std::vector<Rigid3> frame;
+  std::vector<Rigid3> rig;
+};
+
+FramePoses PosesOf(const FrameModel& frame, const Capture& capture) {
+  FramePoses poses;
+  for (const auto& idx_and_image : frame.image_ids) {
+    poses.frame.push_back(
+        CamFromWorld(frame.reconstruction->Image(idx_and_image.second)));
+    poses.rig.push_back(capture.cameras[idx_and_image.first].cam_from_world);
+  }
+  return poses;
+}
+
+// Throws if RIG fits most frames in another convention. Also where it fits
+// them somehow as it is: arrays whose cameras lie nearly in a plane look like
+// their mirror images.
+void CheckPoseConvention(const Capture& capture) {
+  std::map<const PoseConvention*, size_t> num_frames;
+  for (const FrameModel& frame : capture.frames) {
+    if (!frame.skip_reason.empty()) continue;
+    const FramePoses poses = PosesOf(frame, capture);
+    ++num_frames[FindPoseConvention(poses.frame, poses.rig)];
+  }
+  for (const auto& [convention, num] : num_frames) {
+    if (convention == nullptr || 2 * num <= capture.NumUsedFrames()) continue;
+    throw InputError("The known extrinsics fit " + std::to_string(num) +
+                     " of " + std::to_string(capture.NumUsedFrames()) +
+                     " frames in another convention of poses only: " +
+                     PoseConventionAdvice(*convention));
+  }
+}
+
+}  // namespace
+
 void AlignFrames(const Similarity3& new_from_rig, Capture* capture) {
+  CheckPoseConvention(*capture);
   std::string first_failure;
   for (FrameModel& frame : capture->frames) {
     if (!frame.skip_reason.empty()) continue;
-    std::vector<Rigid3> frame_poses;
-    std::vector<Rigid3> rig_poses;
-    for (const auto& idx_and_image : frame.image_ids) {
-      frame_poses.push_back(
-          CamFromWorld(frame.reconstruction->Image(idx_and_image.second)));
-      rig_poses.push_back(capture->cameras[idx_and_image.first].cam_from_world);
-    }
-    const PoseAlignment alignment = AlignPoses(frame_poses, rig_poses);
+    const FramePoses poses = PosesOf(frame, *capture);
+    const PoseAlignment alignment = AlignPoses(poses.frame, poses.rig);
     if (!alignment.failure.empty()) {
       frame.skip_reason = alignment.failure;
       frame.reconstruction.reset();

@@ -31,8 +31,9 @@ void MatchImages(const CameraNaming& naming,
   for (size_t i = 0; i < image_ids.size(); ++i) {
     const auto it = camera_idxs.find(camera_names[i]);
     if (it == camera_idxs.end()) {
-      capture->images_without_camera.push_back(frame->name + "/" +
-                                               image_names[i]);
+      const std::string image_path = frame->name + "/" + image_names[i];
+      capture->images_without_camera.push_back(image_path);
+      capture->image_of_unknown_name.emplace(camera_names[i], image_path);
       frame->reconstruction->DeRegisterImage(image_ids[i]);
       continue;
     }

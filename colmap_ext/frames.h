@@ -12,6 +12,7 @@
 #include "colmap_ext/rig_io.h"
 #include "src/options.h"
 #include "src/scene.h"
+#include "src/unmatched_names.h"
 
 namespace mfir {
 
@@ -38,6 +39,7 @@ struct Capture {
   // Left out, for the report.
   std::vector<std::string> cameras_without_images;
   std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
+  ImageOfName image_of_unknown_name;               // of the latter
 
   // Cameras whose extrinsics in RIG contradict the frames, and why.
   std::map<std::string, std::string> contradicting_cameras;
@@ -72,7 +74,7 @@ void RemoveCamerasWithoutImages(Capture* capture);
 
 // Moves each frame robustly (AlignPoses) into the coordinates `new_from_rig`
 // away from the rig's. Skips frames that do not align; throws InputError if
-// none does.
+// none does, or if most fit the rig far better in another convention of poses.
 void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
 
 // Ids of all points, ascending: the order of Frame::points.

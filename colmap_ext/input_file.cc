@@ -3,12 +3,22 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <string_view>
 #include <system_error>
 
 #include "colmap_ext/compat.h"
 #include "src/errors.h"
 
 namespace mfir {
+namespace {
+
+constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+
+bool BeginsWith(std::string_view data, std::string_view begin) {
+  return data.substr(0, begin.size()) == begin;
+}
+
+}  // namespace
 
 std::string ReadInputFile(const std::string& path) {
   std::error_code error;
@@ -34,11 +44,30 @@ std::string ReadInputFile(const std::string& path) {
   return data;
 }
 
+std::string ReadTextFile(const std::string& path) {
+  std::string data = ReadInputFile(path);
+  // Not ff ff: that is no text at all.
+  if (BeginsWith(data, "\xff\xfe") || BeginsWith(data, "\xfe\xff")) {
+    throw InputError(path + ": the text is in UTF-16. Save it as UTF-8.");
+  }
+  if (BeginsWith(data, kByteOrderMark)) {
+    data.erase(0, kByteOrderMark.size());
+  }
+  return data;
+}
+
+bool HasByteOrderMark(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string begin(kByteOrderMark.size(), '\0');
+  return file.read(begin.data(), static_cast<std::streamsize>(begin.size())) &&
+         begin == kByteOrderMark;
+}
+
 std::vector<ListEntry> ReadNameList(const std::string& option,
                                     const std::string& path) {
   std::istringstream file;
   try {
-    file.str(ReadInputFile(path));
+    file.str(ReadTextFile(path));
   } catch (const InputError& error) {
     throw InputError(option + " " + error.what());
   }

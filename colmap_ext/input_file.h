@@ -11,6 +11,13 @@ namespace mfir {
 // never end. Throws InputError.
 std::string ReadInputFile(const std::string& path);
 
+// The same for text: without the byte order mark that some editors write.
+// UTF-16 is an InputError.
+std::string ReadTextFile(const std::string& path);
+
+// Whether the file begins with the byte order mark of UTF-8.
+bool HasByteOrderMark(const std::string& path);
+
 struct ListEntry {
   std::string name;
   std::string where;  // "PATH:LINE: ", for messages

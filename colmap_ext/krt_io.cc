@@ -105,7 +105,7 @@ bool WriteCamera(const KnownCamera& camera, std::ofstream* file) {
 
 std::vector<KnownCamera> ReadKRTCameras(const std::string& path,
                                         double pixel_offset) {
-  TextFile file(path, ReadInputFile(path), TextFile::Spacing::kAny);
+  TextFile file(path, ReadTextFile(path), TextFile::Spacing::kAny);
   std::vector<KnownCamera> cameras;
   while (file.NextContentLine()) {
     KnownCamera camera;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "colmap_ext/compat.h"
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/model_check.h"
 #include "src/camera_naming.h"
 #include "src/errors.h"
@@ -79,11 +80,20 @@ size_t CheckModelFiles(const ModelFiles& files) {
   return files.is_binary ? CheckBinaryModel(files) : CheckTextModel(files);
 }
 
-// A private folder with the same model and an empty points3D file, since
-// COLMAP reads nothing without one. Removed with the object.
-class ModelWithEmptyPoints {
+// Whether COLMAP's reader can take the files as they are. It reads nothing
+// without points3D, and takes a byte order mark for a part of the first line.
+bool IsReadable(const ModelFiles& files) {
+  if (files.points3D.empty()) return false;
+  return files.is_binary ||
+         (!HasByteOrderMark(files.cameras) && !HasByteOrderMark(files.images) &&
+          !HasByteOrderMark(files.points3D));
+}
+
+// A private folder with the same model such that COLMAP can read it. Removed
+// with the object.
+class ReadableModel {
  public:
-  explicit ModelWithEmptyPoints(const ModelFiles& files) {
+  explicit ReadableModel(const ModelFiles& files) {
     try {
       std::string path =
           (fs::temp_directory_path() / "colmap_model_XXXXXX").string();
@@ -91,21 +101,11 @@ class ModelWithEmptyPoints {
         throw std::system_error(errno, std::generic_category(), path);
       }
       path_ = path;
-      for (const fs::path file : {files.cameras, files.images}) {
-        fs::create_symlink(fs::absolute(file), path_ / file.filename());
+      for (const std::string& file :
+           {files.cameras, files.images, files.points3D}) {
+        if (!file.empty()) AddFile(file, files.is_binary);
       }
-      const uint64_t num_points3D = 0;
-      std::ofstream points3D(
-          path_ / (files.is_binary ? "points3D.bin" : "points3D.txt"),
-          std::ios::binary);
-      if (files.is_binary) {
-        points3D.write(reinterpret_cast<const char*>(&num_points3D),
-                       sizeof(num_points3D));
-      }
-      points3D.close();
-      if (!points3D) {
-        throw std::system_error(errno, std::generic_category(), path);
-      }
+      if (files.points3D.empty()) AddEmptyPoints(files.is_binary);
     } catch (const std::system_error& error) {
       Remove();
       throw OutputError(std::string("cannot make a temporary folder: ") +
@@ -113,13 +113,37 @@ class ModelWithEmptyPoints {
                         ". Set TMPDIR to a folder that is writable.");
     }
   }
-  ~ModelWithEmptyPoints() { Remove(); }
-  ModelWithEmptyPoints(const ModelWithEmptyPoints&) = delete;
-  ModelWithEmptyPoints& operator=(const ModelWithEmptyPoints&) = delete;
+  ~ReadableModel() { Remove(); }
+  ReadableModel(const ReadableModel&) = delete;
+  ReadableModel& operator=(const ReadableModel&) = delete;
 
   std::string Path() const { return path_.string(); }
 
  private:
+  void AddFile(const fs::path& file, bool is_binary) const {
+    const fs::path copy = path_ / file.filename();
+    if (is_binary || !HasByteOrderMark(file.string())) {
+      fs::create_symlink(fs::absolute(file), copy);
+    } else {
+      Write(copy, ReadTextFile(file.string()));
+    }
+  }
+
+  void AddEmptyPoints(bool is_binary) const {
+    const std::string num_points3D(sizeof(uint64_t), '\0');
+    Write(path_ / (is_binary ? "points3D.bin" : "points3D.txt"),
+          is_binary ? num_points3D : "");
+  }
+
+  static void Write(const fs::path& path, const std::string& content) {
+    std::ofstream file(path, std::ios::binary);
+    file << content;
+    file.close();
+    if (!file) {
+      throw std::system_error(errno, std::generic_category(), path.string());
+    }
+  }
+
   void Remove() {
     if (!path_.empty()) {
       std::error_code error;
@@ -141,10 +165,10 @@ void ReadWithColmap(const std::string& path,
     }
   };
   try {
-    if (files.points3D.empty()) {
-      read(ModelWithEmptyPoints(files).Path());
-    } else {
+    if (IsReadable(files)) {
       read(path);
+    } else {
+      read(ReadableModel(files).Path());
     }
   } catch (const Error&) {
     throw;

@@ -26,16 +26,17 @@ std::string FindSparseModel(const std::string& frame_path);
 // `require_points`: points3D must exist too. Otherwise it may be missing or
 // empty; observations are then of no point.
 //
-// Throws OutputError if points3D is missing and no temporary folder (TMPDIR)
-// can be made for COLMAP's reader, which cannot do without. Throws InputError,
-// naming the file, what is wrong where and what to do, for everything that
-// COLMAP's reader would crash, hang or stay silent on: missing or truncated
-// files, counts beyond the file size, trailing bytes, unknown camera models,
-// wrong number of parameters, malformed numbers (line), non-finite values, zero
-// quaternion, focal length <= 0, image size 0, duplicate ids or image names,
-// images of an unknown camera, observations of unknown points, tracks that name
-// unknown images, keypoints out of range, or keypoints that do not point back
-// to the track's point.
+// Text files may begin with a byte order mark. Throws OutputError if no
+// temporary folder (TMPDIR) can be made for COLMAP's reader, where it needs
+// one: it can neither do without points3D nor take a byte order mark. Throws
+// InputError, naming the file, what is wrong where and what to do, for
+// everything that COLMAP's reader would crash, hang or stay silent on: missing
+// or truncated files, counts beyond the file size, trailing bytes, unknown
+// camera models, wrong number of parameters, malformed numbers (line),
+// non-finite values, zero quaternion, focal length <= 0, image size 0,
+// duplicate ids or image names, images of an unknown camera, observations of
+// unknown points, tracks that name unknown images, keypoints out of range, or
+// keypoints that do not point back to the track's point.
 void ReadModel(const std::string& path,
                bool require_points,
                colmap::Reconstruction* reconstruction);

@@ -286,6 +286,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
       options.input_path, options.frame_list_path, rig, multi_frame);
   output.CheckKeeps(ModelPaths(capture));
   LogCapture(rig, capture, progress);
+  WarnOfUnmatchedNames(
+      capture.cameras_without_images, capture.image_of_unknown_name, std::cerr);
   if (multi_frame.featuremetric_weight > 0.0 &&
       multi_frame.dense_features == "none") {
     progress.Log(

@@ -1,11 +1,13 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
+#include <sstream>
 #include <system_error>
 
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 
+#include "colmap_ext/input_file.h"
 #include "colmap_ext/quiet_opencv.h"
 #include "colmap_ext/rig_formats.h"
 #include "src/errors.h"
@@ -20,12 +22,25 @@ bool IsFile(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
+// OpenCV stops at tabs at the end of a line.
+std::string WithoutTrailingBlanks(const std::string& text) {
+  std::istringstream lines(text);
+  std::string result;
+  for (std::string line; std::getline(lines, line);) {
+    line.erase(line.find_last_not_of(" \t\r") + 1);
+    result += line + "\n";
+  }
+  return result;
+}
+
 // Fields "PREFIX_CAMERA" of a file in OpenCV's YAML.
 class OpenCVFile {
  public:
   explicit OpenCVFile(const std::string& path) : path_(path) {
-    if (!storage_.open(path, cv::FileStorage::READ)) {
-      throw InputError(path + ": cannot read the file. Check its permissions.");
+    // OpenCV itself takes no byte order mark.
+    if (!storage_.open(WithoutTrailingBlanks(ReadTextFile(path)),
+                       cv::FileStorage::READ | cv::FileStorage::MEMORY)) {
+      throw InputError(path + ": cannot read the file. Is it complete?");
     }
   }
 

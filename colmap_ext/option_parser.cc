@@ -13,6 +13,7 @@
 
 #include "colmap_ext/compat.h"
 #include "colmap_ext/input_file.h"
+#include "src/edit_distance.h"
 #include "src/errors.h"
 
 namespace mfir {
@@ -71,7 +72,7 @@ struct IniEntry {
 std::vector<IniEntry> ParseIni(const std::string& path) {
   std::istringstream file;
   try {
-    file.str(ReadInputFile(path));
+    file.str(ReadTextFile(path));
   } catch (const InputError& error) {
     throw UsageError(std::string("--project_path ") + error.what());
   }
@@ -79,10 +80,6 @@ std::vector<IniEntry> ParseIni(const std::string& path) {
   std::string section;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
-    const std::string kByteOrderMark = "\xef\xbb\xbf";
-    if (number == 1 && line.rfind(kByteOrderMark, 0) == 0) {
-      line.erase(0, kByteOrderMark.size());
-    }
     line = Trimmed(WithoutComment(line));
     const std::string where = path + ":" + std::to_string(number) + ": ";
     const size_t equals = line.find('=');
@@ -131,22 +128,6 @@ std::string ToString(const T& value) {
 }
 
 std::string ToString(const std::string& value) { return value; }
-
-// Levenshtein distance, for "did you mean".
-size_t EditDistance(const std::string& a, const std::string& b) {
-  std::vector<size_t> row(b.size() + 1);
-  for (size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (size_t i = 1; i <= a.size(); ++i) {
-    size_t diagonal = row[0];
-    row[0] = i;
-    for (size_t j = 1; j <= b.size(); ++j) {
-      const size_t substituted = diagonal + (a[i - 1] != b[j - 1]);
-      diagonal = row[j];
-      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substituted});
-    }
-  }
-  return row.back();
-}
 
 }  // namespace
 

@@ -160,13 +160,18 @@ void SetPose(const Eigen::Matrix<double, 3, 4>& matrix,
   const double deviation =
       (R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (!(deviation <= kMaxDeviation) || R.determinant() < 0.0) {
+    const std::string advice =
+        deviation <= kMaxDeviation
+            ? "The world of the file is mirrored (left-handed): change the "
+              "signs of the third column of all cameras' R, which turns the "
+              "world's z axis."
+            : "Correct the numbers; rows are those of the camera's [R | t], "
+              "x_camera = R x_world + t.";
     throw InputError(where +
                      ": the 3x3 matrix is not a rotation (R^T R differs "
                      "from the identity by " +
                      FormatNumber(deviation) + ", determinant " +
-                     FormatNumber(R.determinant()) +
-                     "). Correct the numbers; rows are those of the camera's "
-                     "[R | t], x_camera = R x_world + t.");
+                     FormatNumber(R.determinant()) + "). " + advice);
   }
   // The nearest rotation: a quaternion cannot hold the rounding of R's digits.
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(

@@ -33,7 +33,7 @@ void ReadNewId(TextFile* file, const char* field, Ids* ids) {
 }
 
 TextFile OpenModelFile(const std::string& path) {
-  return TextFile(path, ReadInputFile(path), TextFile::Spacing::kOneSpace);
+  return TextFile(path, ReadTextFile(path), TextFile::Spacing::kOneSpace);
 }
 
 Ids CheckCameras(const std::string& path) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <iostream>
 #include <map>
 #include <set>
 
@@ -11,6 +12,7 @@
 #include "colmap_ext/frames.h"
 #include "colmap_ext/rig_io.h"
 #include "src/errors.h"
+#include "src/unmatched_names.h"
 #include "src/view_overlap.h"
 
 namespace mfir {
@@ -31,11 +33,13 @@ std::string FindMask(const TriangulatorOptions& options,
   return "";
 }
 
-// Image files in the frame's folder by camera of the rig.
+// Image files in the frame's folder by camera of the rig; adds to
+// `image_of_unknown_name`.
 InputFrame FindImages(const TriangulatorOptions& options,
                       const CameraNaming& naming,
                       const std::map<std::string, size_t>& camera_idxs,
-                      const std::string& frame_name) {
+                      const std::string& frame_name,
+                      ImageOfName* image_of_unknown_name) {
   InputFrame frame;
   frame.name = frame_name;
   const fs::path folder = fs::path(options.image_path) / frame_name;
@@ -55,6 +59,8 @@ InputFrame FindImages(const TriangulatorOptions& options,
     const auto it = camera_idxs.find(camera_names[i]);
     if (it == camera_idxs.end()) {
       without_camera.push_back(names[i]);
+      image_of_unknown_name->emplace(camera_names[i],
+                                     frame_name + "/" + names[i]);
       continue;
     }
     const auto inserted = name_of_camera.emplace(it->second, names[i]);
@@ -160,6 +166,15 @@ std::vector<RigCamera> MakeCameras(const TriangulatorOptions& options,
   return cameras;
 }
 
+std::vector<std::string> CamerasWithoutImages(
+    const std::vector<RigCamera>& cameras) {
+  std::vector<std::string> names;
+  for (const RigCamera& camera : cameras) {
+    if (camera.model == nullptr) names.push_back(camera.name);
+  }
+  return names;
+}
+
 // Pairs of cameras that have images.
 std::vector<std::pair<size_t, size_t>> SelectPairs(
     const TriangulatorOptions& options, const std::vector<RigCamera>& cameras) {
@@ -241,12 +256,15 @@ TriangulatorInputs ReadTriangulatorInputs(const TriangulatorOptions& options,
   if (!options.mask_path.empty() && !fs::is_directory(options.mask_path)) {
     throw InputError("--mask_path " + options.mask_path + " is not a folder.");
   }
+  ImageOfName image_of_unknown_name;
   for (const std::string& name :
        ListFrames("image_path", options.image_path, options.frame_list_path)) {
-    inputs.frames.push_back(
-        FindImages(options, inputs.naming, camera_idxs, name));
+    inputs.frames.push_back(FindImages(
+        options, inputs.naming, camera_idxs, name, &image_of_unknown_name));
   }
   inputs.cameras = MakeCameras(options, extrinsics, intrinsics, inputs.frames);
+  WarnOfUnmatchedNames(
+      CamerasWithoutImages(inputs.cameras), image_of_unknown_name, std::cerr);
   inputs.pairs = SelectPairs(options, inputs.cameras);
   inputs.fingerprint = Fingerprint(parser, inputs.cameras);
   return inputs;

@@ -231,6 +231,11 @@ PoseAlignment AlignPoses(const std::vector<Rigid3>& source_cams_from_world,
     }
     result.rms_center_error =
         std::sqrt(sum / static_cast<double>(inliers.size()));
+    std::vector<double> errors;
+    for (const PosePair& pair : pairs) {
+      errors.push_back(PoseError(alignment, spread, pair));
+    }
+    result.median_error = UpperMedian(errors);
     return result;
   }
   result.failure = "only " + std::to_string(result.num_inliers) + " of " +

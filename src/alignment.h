@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,9 @@ struct PoseAlignment {
   size_t num_inliers = 0;
   // Over the inliers, in units of the target.
   double rms_center_error = 0.0;
+  // Over all poses, of the larger of the angle (rad) and the distance of the
+  // centres relative to the spread of the target. Infinite on failure.
+  double median_error = std::numeric_limits<double>::infinity();
 };
 
 // Similarity that maps camera poses onto the target poses of the same cameras

@@ -110,6 +110,22 @@ TEST(ReadModel, WindowsLineEndsAndCommentsBetween) {
   ExpectIsTestModel(Read(folder / "text"));
 }
 
+TEST(ReadModel, InvisibleCharacters) {
+  const TemporaryFolder folder;
+  // The mark may stand before data, too.
+  WriteTextModel(folder / "all",
+                 WithInvisibles(Replaced(kCameras, "# comment\n", "")),
+                 WithInvisibles(kImages),
+                 WithInvisibles(kPoints3D));
+  ExpectIsTestModel(Read(folder / "all"));
+  WriteTextModel(folder / "one", kCameras, kImages, WithInvisibles(kPoints3D));
+  ExpectIsTestModel(Read(folder / "one"));
+  WriteFile(folder / "utf16/cameras.txt", "\xff\xfe#");
+  WriteFile(folder / "utf16/images.txt", "");
+  ExpectInputError([&] { Read(folder / "utf16", false); },
+                   {"utf16/cameras.txt", "UTF-8"});
+}
+
 TEST(ReadModel, LastImageWithoutObservations) {
   const TemporaryFolder folder;
   const std::string images = "1 1 0 0 0 0 0 0 1 a.png\n\n";

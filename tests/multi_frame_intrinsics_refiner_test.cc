@@ -253,6 +253,26 @@ TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
             std::string::npos);
 }
 
+// As a wrong name of a camera looks: to be seen also where nothing is printed.
+TEST_F(MultiFrameRefinerTest, NearestNamesOfCamerasWithoutImages) {
+  ChangeRig(
+      [](colmap::Reconstruction* rig) { rig->Image(6).SetName("CAM5.png"); });
+  const CommandResult result = Refine({{"MultiFrame.quiet", "1"}});
+  EXPECT_EQ(result.exit_code, kExitSuccess);
+  EXPECT_NE(result.error.find(
+                "WARNING: camera 'CAM5' of RIG has no image; nearest among the "
+                "images without camera: 'frame000000/cam05.png', camera "
+                "'cam05'"),
+            std::string::npos)
+      << result.error;
+  // A camera of RIG without images alone is no warning.
+  ChangeFrames([](colmap::Reconstruction* model) {
+    model->DeRegisterImage(6);
+    model->TearDown();
+  });
+  EXPECT_EQ(Refine({{"MultiFrame.quiet", "1"}}).error, "");
+}
+
 // An image without points, or even without keypoints (an empty line in the
 // text format), must not take the later ones with it.
 TEST_F(MultiFrameRefinerTest, ImagesWithoutPoints) {
@@ -327,7 +347,8 @@ TEST_F(MultiFrameRefinerTest, WeakFramesAreSkippedWithAReason) {
 }
 
 TEST_F(MultiFrameRefinerTest, FrameList) {
-  WriteFile(Path("list"), "# chosen\r\nframe000002\r\n\n frame000000 \n");
+  WriteFile(Path("list"),
+            WithInvisibles("frame000002\n# chosen\n\n frame000000\n"));
   ExpectRefines({{"frame_list_path", Path("list")}});
   const nlohmann::json summary = Summary();
   ASSERT_EQ(summary["frames"].size(), 2);
@@ -337,6 +358,16 @@ TEST_F(MultiFrameRefinerTest, FrameList) {
   fs::remove_all(Path("frames/frame000001"));
   ExpectRefines();
   EXPECT_EQ(MaxRelativeDifference(listed, Params()), 0.0);
+}
+
+TEST_F(MultiFrameRefinerTest, ConstantCameraListWithInvisibleCharacters) {
+  WriteFile(Path("list"), WithInvisibles("cam02\ncam05\n"));
+  ExpectRefines({{"constant_camera_list_path", Path("list")}});
+  const CameraParams start = Params("out", "params_initial");
+  for (const auto& [name, params] : Params()) {
+    const bool held = name == "cam02" || name == "cam05";
+    EXPECT_EQ(params == start.at(name), held) << name;
+  }
 }
 
 }  // namespace

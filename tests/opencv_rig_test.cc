@@ -135,6 +135,25 @@ TEST(ReadRig, OpenCVWithoutIntrinsicsAndWithNumbersAsNames) {
   EXPECT_TRUE(rig.cameras[0].params.empty());
 }
 
+TEST(ReadRig, OpenCVWithInvisibleCharacters) {
+  const TemporaryFolder folder;
+  WriteFile(folder / "a/extri.yml", kExtrinsics);
+  WriteFile(folder / "a/intri.yml", kIntrinsics);
+  WriteFile(folder / "b/extri.yml", WithInvisibles(kExtrinsics));
+  WriteFile(folder / "b/intri.yml", WithInvisibles(kIntrinsics));
+  const Rig a = Read(folder / "a");
+  const Rig b = Read(folder / "b");
+  ASSERT_EQ(b.cameras.size(), 2);
+  for (size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(b.cameras[i].name, a.cameras[i].name);
+    EXPECT_EQ(b.cameras[i].params, a.cameras[i].params);
+    EXPECT_EQ(b.cameras[i].cam_from_world.rotation.coeffs(),
+              a.cameras[i].cam_from_world.rotation.coeffs());
+    EXPECT_EQ(b.cameras[i].cam_from_world.translation,
+              a.cameras[i].cam_from_world.translation);
+  }
+}
+
 TEST(ReadRig, OpenCVSingleFile) {
   const TemporaryFolder folder;
   const size_t intrinsics_begin = kIntrinsics.find("K_01");

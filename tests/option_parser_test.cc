@@ -233,6 +233,14 @@ TEST_F(OptionParserTest, IniMayHaveCommentsBlanksAndWindowsLineEnds) {
   EXPECT_FALSE(command.progressive);
 }
 
+TEST_F(OptionParserTest, IniMayHaveInvisibleCharacters) {
+  Command command;
+  command.Parse(
+      Ini(WithInvisibles("input_path=/tmp/a\n[MultiFrame]\nloss_scale=2.5\n")));
+  EXPECT_EQ(command.input_path, "/tmp/a");
+  EXPECT_EQ(command.loss_scale, 2.5);
+}
+
 TEST_F(OptionParserTest, TypoIsFoundInWindowsIni) {
   ExpectUsageError(Ini("[MultiFrame]\r\nloss_scal = 5\r\n"),
                    {path_ + ":2:", "'MultiFrame.loss_scale'"});

@@ -2,6 +2,9 @@
 
 #include <random>
 
+#include "colmap_ext/rig_io.h"
+#include "src/pose_conventions.h"
+#include "tests/pose_files.h"
 #include "tests/refiner_runner.h"
 
 namespace mfir {
@@ -29,6 +32,60 @@ TEST_F(WrongRigTest, RigOfAnotherArray) {
   });
   ExpectError(kExitBadInput,
               {"cam00.png", "other_cam00", "RIG", "camera_name_regex"});
+}
+
+// With formula, in each format.
+TEST_F(WrongRigTest, RigInAnotherConvention) {
+  const Rig rig = ReadRig(Path("rig"), "colmap", CameraNaming(), std::nan(""));
+  for (const PoseConvention& convention : OtherPoseConventions()) {
+    SCOPED_TRACE(convention.Description());
+    std::map<std::string, Rigid3> poses;
+    std::vector<KnownCamera> cameras = rig.cameras;
+    for (KnownCamera& camera : cameras) {
+      camera.cam_from_world = InConvention(convention, camera.cam_from_world);
+      poses[camera.image_name] = camera.cam_from_world;
+    }
+    WriteKRT(Path("other.krt"), cameras);
+    ChangeRig([&](colmap::Reconstruction* model) {
+      for (const auto& [id, image] : model->Images()) {
+        const Rigid3& pose = poses.at(image.Name());
+        const Eigen::Quaterniond& q = pose.rotation;
+        model->Image(id).SetQvec({q.w(), q.x(), q.y(), q.z()});
+        model->Image(id).SetTvec(pose.translation);
+      }
+    });
+    for (const std::string& path : {Path("rig"), Path("other.krt")}) {
+      ExpectError(kExitBadInput,
+                  {"fit 3 of 3 frames in another convention of poses only: ",
+                   "RIG seems to hold " + convention.Description() + ".",
+                   convention.Formula()},
+                  {{"extrinsics_path", path}});
+    }
+  }
+}
+
+// The mirror image of a nearly planar array passes the alignment of frames.
+TEST_F(WrongRigTest, MirroredRigOfANearlyPlanarArray) {
+  SimulatorOptions options = SmallCapture();
+  options.min_elevation = -10.0;
+  options.max_elevation = 10.0;
+  WriteSimulatedCapture(SimulateCapture(options), Path("flat"));
+  const CommandOptions inputs = {{"input_path", Path("flat/frames")},
+                                 {"extrinsics_path", Path("other.krt")}};
+  Rig rig = ReadRig(Path("flat/rig"), "colmap", CameraNaming(), std::nan(""));
+  WriteKRT(Path("other.krt"), rig.cameras);
+  ExpectRefines(inputs);
+  const PoseConvention mirrored = {false, {1, -1, 1}};
+  for (KnownCamera& camera : rig.cameras) {
+    camera.cam_from_world = InConvention(mirrored, camera.cam_from_world);
+  }
+  WriteKRT(Path("other.krt"), rig.cameras);
+  ExpectError(kExitBadInput, {"mirrored", mirrored.Formula()}, inputs);
+  // A matrix that is no rotation says it by itself.
+  WriteFile(Path("other.krt"),
+            "cam00\n500 0 320\n0 500 240\n0 0 1\n0 0 0 0 0\n1 0 0 0\n0 1 0 "
+            "0\n0 0 -1 0\n");
+  ExpectError(kExitBadInput, {"mirrored", "third column"}, inputs);
 }
 
 // The right poses under wrong names: whatever aligns, it is not the rig of this

@@ -101,6 +101,13 @@ TEST(ReadRig, KRTIsTolerantOfSpacing) {
   ExpectSameCameras(Read(folder / "a").cameras, Read(folder / "b").cameras);
 }
 
+TEST(ReadRig, KRTWithInvisibleCharacters) {
+  const TemporaryFolder folder;
+  WriteFile(folder / "a", kKRT);
+  WriteFile(folder / "b", WithInvisibles(kKRT));
+  ExpectSameCameras(Read(folder / "a").cameras, Read(folder / "b").cameras);
+}
+
 TEST(ReadRig, PixelOffset) {
   const TemporaryFolder folder;
   WriteFile(folder / "KRT", kKRT);

@@ -65,6 +65,16 @@ inline std::string Replaced(std::string text,
                                     : text.replace(begin, from.size(), to);
 }
 
+// `text` with all that editors add to it and nobody sees: a byte order mark,
+// blanks at the ends of lines, and Windows line ends.
+inline std::string WithInvisibles(const std::string& text) {
+  std::string result = "\xef\xbb\xbf";
+  for (const char c : text) {
+    result += c == '\n' ? " \t\r\n" : std::string(1, c);
+  }
+  return result;
+}
+
 // Expects an InputError whose message contains all of `parts`.
 inline void ExpectInputError(const std::function<void()>& body,
                              const std::vector<std::string>& parts) {
