@@ -10,6 +10,8 @@
 namespace mfir {
 namespace {
 
+constexpr uint64_t kHashBasis = 14695981039346656037u;
+
 // FNV-1a.
 uint64_t Hash(uint64_t hash, const void* data, size_t size) {
   const auto* bytes = static_cast<const unsigned char*>(data);
@@ -19,17 +21,23 @@ uint64_t Hash(uint64_t hash, const void* data, size_t size) {
   return hash;
 }
 
+// Depends on the keypoints of the track alone: files that differ in order or in
+// the names of images must hold out the same tracks.
 bool IsHeldOut(double share, const Frame& frame, size_t point_idx) {
-  uint64_t hash =
-      Hash(14695981039346656037u, frame.name.data(), frame.name.size());
+  uint64_t sum = 0;
   for (size_t k = frame.track_begins[point_idx];
        k < frame.track_begins[point_idx + 1];
        ++k) {
+    const Observation& observation = frame.observations[k];
     // To a hundredth of a pixel: rounding must not change the choice.
-    const int64_t key[] = {std::llround(100.0 * frame.observations[k].xy.x()),
-                           std::llround(100.0 * frame.observations[k].xy.y())};
-    hash = Hash(hash, key, sizeof(key));
+    const int64_t key[] = {std::llround(100.0 * observation.xy.x()),
+                           std::llround(100.0 * observation.xy.y())};
+    sum += Hash(kHashBasis, key, sizeof(key));
   }
+  const uint64_t hash =
+      Hash(Hash(kHashBasis, frame.name.data(), frame.name.size()),
+           &sum,
+           sizeof(sum));
   return static_cast<double>(hash >> 11) * 0x1.0p-53 < share;
 }
 

@@ -34,6 +34,19 @@ TEST(HeldOutTracks, TakesTheShareAndPutsItBack) {
   }
 }
 
+TEST(HeldOutTracks, OrderOfObservationsDoesNotMatter) {
+  Scene scene = MakeScene("frame", 1000);
+  Scene turned = scene;
+  for (size_t i = 0; i < 1000; ++i) {
+    std::swap(turned.frames[0].observations[2 * i],
+              turned.frames[0].observations[2 * i + 1]);
+  }
+  const HeldOutTracks held_out(0.2, &scene);
+  const HeldOutTracks held_out_turned(0.2, &turned);
+  ASSERT_EQ(scene.frames[0].points.size(), turned.frames[0].points.size());
+  EXPECT_EQ(scene.frames[0].points, turned.frames[0].points);
+}
+
 // Of captures of a single track every other one would lose it.
 TEST(HeldOutTracks, SomethingIsLeftToRefineWith) {
   for (int i = 0; i < 20; ++i) {
