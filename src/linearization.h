@@ -2,6 +2,8 @@
 
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <vector>
@@ -25,14 +27,29 @@ struct CameraState {
   Eigen::Matrix3d rotation;
   Eigen::Vector3d translation;
   std::vector<double> params;
+  // About the largest |(u, v)| in the image.
+  double max_radius = 0.0;
 };
+
+inline double MaxImageRadius(const RigCamera& camera) {
+  double max_radius = 0.0;
+  for (const double x : {0.0, static_cast<double>(camera.width)}) {
+    for (const double y : {0.0, static_cast<double>(camera.height)}) {
+      double uv[2];
+      camera.model->Unproject(camera.params.data(), x, y, uv);
+      max_radius = std::max(max_radius, std::hypot(uv[0], uv[1]));
+    }
+  }
+  return max_radius;
+}
 
 inline std::vector<CameraState> CameraStates(const Scene& scene) {
   std::vector<CameraState> states;
   for (const RigCamera& camera : scene.cameras) {
     states.push_back({camera.cam_from_world.rotation.toRotationMatrix(),
                       camera.cam_from_world.translation,
-                      camera.params});
+                      camera.params,
+                      camera.model == nullptr ? 0.0 : MaxImageRadius(camera)});
   }
   return states;
 }
@@ -52,6 +69,7 @@ struct FreeParams {
 struct Linearization {
   Eigen::Vector2d residual;  // px
   double depth;              // world units
+  Eigen::Vector2d uv;        // point / depth, camera coordinates
   Matrix2x3 jacobian_point;
   Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2, kMaxNumParams>
       jacobian_params;
@@ -96,6 +114,7 @@ inline bool LinearizeObservation(const CameraModel& model,
                             jacobian_intrinsics);
   linearization->residual = xy - observed_xy;
   linearization->depth = p.z();
+  linearization->uv = Eigen::Vector2d(u, v);
   // d(u, v) / d(p) = [1 0 -u; 0 1 -v] / z.
   Matrix2x3 jacobian_cam;
   jacobian_cam << jacobian_uv * inverse_depth,

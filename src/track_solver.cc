@@ -259,12 +259,36 @@ TrackSolver::Minimum TrackSolver::Minimize(
     }
     if (last) {
       // Of a damped step little decrease is to be expected anywhere.
-      minimum.converged =
-          damping < kConvergedDamping && !IsAtCamera(linearizations);
+      minimum.converged = damping < kConvergedDamping &&
+                          !IsAtCamera(linearizations) &&
+                          !IsFolded(track, states, linearizations);
       break;
     }
   }
   return minimum;
+}
+
+bool TrackSolver::IsFolded(
+    const Track& track,
+    const std::vector<CameraState>& states,
+    const std::vector<Linearization>& linearizations) const {
+  constexpr double kMaxDifference = 0.01;  // relative
+  for (size_t i = 0; i < track.length; ++i) {
+    const Linearization& linearization = linearizations[i];
+    const double radius = linearization.uv.norm();
+    const size_t camera_idx = track.observations[i].camera_idx;
+    const CameraState& state = states[camera_idx];
+    if (radius <= state.max_radius) continue;
+    const Eigen::Vector2d xy =
+        linearization.residual + track.observations[i].xy;
+    Eigen::Vector2d uv;
+    scene_->cameras[camera_idx].model->Unproject(
+        state.params.data(), xy.x(), xy.y(), uv.data());
+    if (!((uv - linearization.uv).norm() <= kMaxDifference * radius)) {
+      return true;
+    }
+  }
+  return false;
 }
 
 bool TrackSolver::HasOutlier(const Track& track,

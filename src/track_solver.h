@@ -105,7 +105,7 @@ class TrackSolver {
   struct Minimum {
     double cost = 0.0;
     // False where there is no regular minimum: the cost falls all the way to a
-    // camera centre, say, where a point fits anything.
+    // camera centre, where a point fits anything, or the lens model folds.
     bool converged = false;
   };
 
@@ -137,6 +137,11 @@ class TrackSolver {
                        TrackSystem* system) const;
   double FeatureCost(const Track::Observation& observation,
                      const Eigen::Vector2d& xy) const;
+  // Whether the lens model folds an observation into the image, at the given
+  // linearization: polynomials do that far outside of it.
+  bool IsFolded(const Track& track,
+                const std::vector<CameraState>& states,
+                const std::vector<Linearization>& linearizations) const;
   // Whether the loss gives an observation less than half of its weight, or
   // `xyz` is behind a camera.
   bool HasOutlier(const Track& track,
