@@ -19,6 +19,7 @@
 #include "colmap_ext/rig_io.h"
 #include "colmap_ext/scene_features.h"
 #include "src/alignment.h"
+#include "src/drift_check.h"
 #include "src/errors.h"
 #include "src/evaluation.h"
 #include "src/held_out_tracks.h"
@@ -225,6 +226,69 @@ void WarnOfContradictions(const Capture& capture) {
   }
 }
 
+// Changes of the cameras that could change, since their start and since the
+// intrinsics of RIG, where these are of the same model.
+void MeasureDrifts(const Capture& capture,
+                   const Scene& scene,
+                   RefinerResult* result) {
+  DriftReference start(scene.cameras.size());
+  DriftReference rig(scene.cameras.size());
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    const RigCamera& camera = scene.cameras[i];
+    if (camera.constant_intrinsics || !result->took_part[i]) continue;
+    start[i] = result->initial_params[i];
+    if (capture.cameras[i].model == camera.model) {
+      rig[i] = capture.cameras[i].params;
+    }
+  }
+  result->drifts = FindDrifts(scene.cameras, start);
+  result->drifts_from_rig = FindDrifts(scene.cameras, rig);
+}
+
+void WarnOfDrift(const std::string& name,
+                 const std::string& since,
+                 const CameraDrift& drift) {
+  std::cerr << "WARNING: camera '" << name << "' has changed unusually since "
+            << since << ": "
+            << colmap::StringPrintf(
+                   "focal length %.2f permille (the other cameras %.2f), "
+                   "principal point (%.2f, %.2f) px (the others %.2f), %.1f "
+                   "robust standard deviations",
+                   drift.focal_permille,
+                   drift.others_focal_permille,
+                   drift.principal_point.x(),
+                   drift.principal_point.y(),
+                   drift.others_principal_point,
+                   std::max(drift.focal_stds, drift.principal_point_stds))
+            << ". A camera that was bumped looks like this. If so, correct its "
+               "pose in RIG, or leave the camera out of it."
+            << std::endl;
+}
+
+// On stderr, also when quiet: the result is not what the user expects.
+void WarnOfBumpedCameras(const RefinerResult& result, const Scene& scene) {
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    const std::string& name = scene.cameras[i].name;
+    const PoseDisagreement& pose = result.pose_disagreements[i];
+    if (pose.is_moved) {
+      std::cerr << "WARNING: camera '" << name << "' has moved: "
+                << colmap::StringPrintf(
+                       "in the frames it is turned by %.2f degrees against "
+                       "RIG (the other cameras by %.3f)",
+                       pose.angle_deg,
+                       pose.others_deg)
+                << ". Correct its pose in RIG, or leave the camera out of it."
+                << std::endl;
+    }
+    if (result.drifts[i] && result.drifts[i]->is_unusual) {
+      WarnOfDrift(name, "its start", *result.drifts[i]);
+    } else if (result.drifts_from_rig[i] &&
+               result.drifts_from_rig[i]->is_unusual) {
+      WarnOfDrift(name, "RIG", *result.drifts_from_rig[i]);
+    }
+  }
+}
+
 // Throws SolverError with the cure.
 void ThrowUnlessConverged(const RefinerResult& result,
                           const SpoiltCameras& spoilt,
@@ -314,6 +378,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   for (const RigCamera& camera : scene.cameras) {
     result.initial_params.push_back(camera.params);
   }
+  result.pose_disagreements = FindPoseDisagreements(scene);
   Scene start = scene;
   const StartResiduals start_residuals = EvaluateStart(multi_frame, start);
   const RoundsResult rounds = RetriangulateInRounds(multi_frame,
@@ -368,6 +433,8 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   const std::vector<ExtrinsicsContradiction> contradictions =
       AddContradictions(scene, start_residuals, stds_px, &capture);
   WarnOfContradictions(capture);
+  MeasureDrifts(capture, scene, &result);
+  WarnOfBumpedCameras(result, scene);
   const SpoiltCameras spoilt = CountSpoiltCameras(scene,
                                                   result.initial_params,
                                                   contradictions,

@@ -184,6 +184,21 @@ Json MakeFrames(const RefinerResult& result) {
   return frames;
 }
 
+bool IsUnusual(const std::optional<CameraDrift>& drift) {
+  return drift && drift->is_unusual;
+}
+
+Json DriftToJson(const std::optional<CameraDrift>& drift) {
+  if (!drift) return nullptr;
+  return {{"focal_permille", drift->focal_permille},
+          {"others_focal_permille", drift->others_focal_permille},
+          {"focal_stds", drift->focal_stds},
+          {"principal_point_px",
+           {drift->principal_point.x(), drift->principal_point.y()}},
+          {"others_principal_point_px", drift->others_principal_point},
+          {"principal_point_stds", drift->principal_point_stds}};
+}
+
 Json MakeCameras(const RefinerResult& result) {
   const Scene& scene = *result.scene;
   std::vector<size_t> num_frames(scene.cameras.size(), 0);
@@ -233,22 +248,32 @@ Json MakeCameras(const RefinerResult& result) {
     if (result.capture->contradicting_cameras.count(camera.name) > 0) {
       flags.push_back("contradicts_extrinsics");
     }
+    const bool unusual_drift =
+        IsUnusual(result.drifts[i]) || IsUnusual(result.drifts_from_rig[i]);
+    if (unusual_drift) flags.push_back("unusual_drift");
+    const PoseDisagreement& pose = result.pose_disagreements[i];
+    if (pose.is_moved) flags.push_back("moved");
     if (result.refinement.held_cameras[i]) flags.push_back("held_at_start");
     if (camera.constant_intrinsics) flags.push_back("constant");
     if (num_frames[i] == 1) flags.push_back("single_frame");
-    cameras.push_back({{"name", camera.name},
-                       {"model", camera.model->Name()},
-                       {"width", camera.width},
-                       {"height", camera.height},
-                       {"params", camera.params},
-                       {"params_initial", result.initial_params[i]},
-                       {"params_std", params_std},
-                       {"correlations", correlations},
-                       {"num_frames", num_frames[i]},
-                       {"num_observations", num_observations[i]},
-                       {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
-                       {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
-                       {"flags", flags}});
+    cameras.push_back(
+        {{"name", camera.name},
+         {"model", camera.model->Name()},
+         {"width", camera.width},
+         {"height", camera.height},
+         {"params", camera.params},
+         {"params_initial", result.initial_params[i]},
+         {"params_std", params_std},
+         {"correlations", correlations},
+         {"drift",
+          {{"from_start", DriftToJson(result.drifts[i])},
+           {"from_rig", DriftToJson(result.drifts_from_rig[i])}}},
+         {"moved_deg", pose.is_moved ? Json(pose.angle_deg) : Json(nullptr)},
+         {"num_frames", num_frames[i]},
+         {"num_observations", num_observations[i]},
+         {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
+         {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
+         {"flags", flags}});
     if (result.soft_extrinsics) {
       cameras.back()["extrinsics_correction"] =
           MakeCorrection(result.capture->cameras[i], result.cameras[i]);

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "colmap_ext/frames.h"
 #include "colmap_ext/option_parser.h"
 #include "colmap_ext/output_folder.h"
+#include "src/drift_check.h"
 #include "src/evaluation.h"
 #include "src/refinement.h"
 #include "src/scene.h"
@@ -27,6 +29,10 @@ struct RefinerResult {
   std::vector<KnownCamera> cameras;
   bool soft_extrinsics = false;
   std::vector<std::vector<double>> initial_params;  // by camera
+  // By camera: changes since initial_params, and since the intrinsics of RIG.
+  std::vector<std::optional<CameraDrift>> drifts;
+  std::vector<std::optional<CameraDrift>> drifts_from_rig;
+  std::vector<PoseDisagreement> pose_disagreements;
   // By camera: whether tracks that it sees took part in the refinement.
   std::vector<bool> took_part;
   std::vector<double> rms_px_before;  // see RmsByCamera
