@@ -21,6 +21,12 @@ uint64_t Hash(uint64_t hash, const void* data, size_t size) {
   return hash;
 }
 
+// The last digits of a keypoint must not change the choice. Many keypoints are
+// binary or decimal fractions: none of these is where rounding goes up or down.
+int64_t HundredthsOfPixel(double coordinate) {
+  return std::llround(100.0 * coordinate + 0.1234567891);
+}
+
 // Depends on the keypoints of the track alone: files that differ in order or in
 // the names of images must hold out the same tracks.
 bool IsHeldOut(double share, const Frame& frame, size_t point_idx) {
@@ -29,9 +35,8 @@ bool IsHeldOut(double share, const Frame& frame, size_t point_idx) {
        k < frame.track_begins[point_idx + 1];
        ++k) {
     const Observation& observation = frame.observations[k];
-    // To a hundredth of a pixel: rounding must not change the choice.
-    const int64_t key[] = {std::llround(100.0 * observation.xy.x()),
-                           std::llround(100.0 * observation.xy.y())};
+    const int64_t key[] = {HundredthsOfPixel(observation.xy.x()),
+                           HundredthsOfPixel(observation.xy.y())};
     sum += Hash(kHashBasis, key, sizeof(key));
   }
   const uint64_t hash =

@@ -47,6 +47,22 @@ TEST(HeldOutTracks, OrderOfObservationsDoesNotMatter) {
   EXPECT_EQ(scene.frames[0].points, turned.frames[0].points);
 }
 
+// Eighths of a pixel are halves of a hundredth.
+TEST(HeldOutTracks, LastDigitsDoNotMatter) {
+  Scene scene = MakeScene("frame", 1000);
+  for (Observation& observation : scene.frames[0].observations) {
+    observation.xy.array() += 0.125;
+  }
+  Scene moved = scene;
+  for (Observation& observation : moved.frames[0].observations) {
+    observation.xy.array() -= 1e-9;
+  }
+  const HeldOutTracks held_out(0.2, &scene);
+  const HeldOutTracks held_out_moved(0.2, &moved);
+  ASSERT_EQ(scene.frames[0].points.size(), moved.frames[0].points.size());
+  EXPECT_EQ(scene.frames[0].points, moved.frames[0].points);
+}
+
 // Of captures of a single track every other one would lose it.
 TEST(HeldOutTracks, SomethingIsLeftToRefineWith) {
   for (int i = 0; i < 20; ++i) {
