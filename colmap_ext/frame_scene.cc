@@ -1,12 +1,25 @@
 // From reconstructions to the arrays of the refiner and back.
 
 #include <algorithm>
+#include <tuple>
 
 #include "colmap_ext/camera_models.h"
 #include "colmap_ext/frames.h"
 #include "src/alignment.h"
 
 namespace mfir {
+namespace {
+
+// An order that does not depend on that in the files.
+bool IsBefore(const Observation& a, const Observation& b) {
+  const auto key = [](const Observation& observation) {
+    return std::make_tuple(
+        observation.image_idx, observation.xy.x(), observation.xy.y());
+  };
+  return key(a) < key(b);
+}
+
+}  // namespace
 
 std::vector<colmap::point3D_t> SortedPointIds(
     const colmap::Reconstruction& reconstruction) {
@@ -57,11 +70,9 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
                                           .XY(),
                                       element.point2D_idx});
       }
-      std::stable_sort(frame.observations.begin() + frame.track_begins.back(),
-                       frame.observations.end(),
-                       [](const Observation& a, const Observation& b) {
-                         return a.image_idx < b.image_idx;
-                       });
+      std::sort(frame.observations.begin() + frame.track_begins.back(),
+                frame.observations.end(),
+                IsBefore);
       frame.track_begins.push_back(frame.observations.size());
     }
     scene.frames.push_back(std::move(frame));
