@@ -11,8 +11,10 @@ namespace {
 constexpr size_t kMinNumOthers = 4;
 constexpr double kFocalFloorPermille = 0.5;
 constexpr double kPrincipalPointFloorPx = 0.25;
+// The fewer other cameras, the less is known about their standard deviation.
 constexpr double kMaxStds = 5.0;
-constexpr double kMaxStdsOfFew = 60.0;
+constexpr double kMaxFocalStdsOfFew = 45.0;
+constexpr double kMaxPrincipalPointStdsOfFew = 15.0;
 
 constexpr double kMinAngleDeg = 0.05;
 constexpr double kMinScatterRatio = 4.0;
@@ -94,8 +96,7 @@ void CompareWithOthers(const std::vector<std::optional<CameraDrift>>& drifts,
                        CameraDrift* drift) {
   std::vector<double> focal = Others(drifts, idx, Focal);
   if (focal.size() < kMinNumOthers) return;
-  const double max_stds =
-      kMaxStds + kMaxStdsOfFew / static_cast<double>(focal.size());
+  const double num_others = static_cast<double>(focal.size());
   drift->others_focal_permille = MedianSize(focal);
   const double focal_median = Median(focal);
   Subtract(focal_median, &focal);
@@ -115,7 +116,9 @@ void CompareWithOthers(const std::vector<std::optional<CameraDrift>>& drifts,
       (drift->principal_point - median).cwiseAbs().maxCoeff() /
       std::hypot(TrimmedStd(x), kPrincipalPointFloorPx);
   drift->is_unusual =
-      std::max(drift->focal_stds, drift->principal_point_stds) > max_stds;
+      drift->focal_stds > kMaxStds + kMaxFocalStdsOfFew / num_others ||
+      drift->principal_point_stds >
+          kMaxStds + kMaxPrincipalPointStdsOfFew / num_others;
 }
 
 // Rotation vectors (degrees) from the known to the frames' rotations.

@@ -37,9 +37,10 @@ using DriftReference = std::vector<std::vector<double>>;
 // deviation about it without the largest tenth of them (at least one: another
 // camera may be wrong, too), made consistent for normal drift. The floors are
 // 0.5 permille and 0.25 px. Principal points: both axes have the same s_i, z is
-// that of the larger one. A drift is unusual above 5 + 60 / (number of other
-// cameras): few cameras tell little about what is usual. nullopt for cameras
-// without reference or model, and where there are less than four others.
+// that of the larger one. A drift is unusual above 5 + 45 / (number of other
+// cameras) for focal lengths and 5 + 15 / (number) for principal points: few
+// cameras tell little about what is usual. nullopt for cameras without
+// reference or model; with less than four others nothing is compared.
 std::vector<std::optional<CameraDrift>> FindDrifts(
     const std::vector<RigCamera>& cameras, const DriftReference& reference);
 

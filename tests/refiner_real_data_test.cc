@@ -40,6 +40,31 @@ TEST_F(RealDataTest, Panoptic) {
   EXPECT_LE(summary_["evaluation"]["pp_abs"]["mean"], 0.55);
 }
 
+// Once the last solve cycled here: a point in the centre of a camera, and steps
+// that the cost could not judge.
+TEST_F(RealDataTest, PanopticFromAStartFurtherOff) {
+  MFIR_REQUIRE_TEST_DATA("panoptic31/frames_triangulated_drift2");
+  Refine("panoptic31", "frames_triangulated_drift2");
+  EXPECT_LE(summary_["result"]["last_step_stds"], 1e-4);
+  EXPECT_LE(summary_["evaluation"]["focal_rel"]["mean"], 1.5);
+  EXPECT_LE(summary_["evaluation"]["pp_abs"]["mean"], 0.55);
+}
+
+// Once it cycled in every solve: the polynomial of the lens folded a point far
+// outside of the image into it.
+TEST_F(RealDataTest, PanopticWithDistortion) {
+  MFIR_REQUIRE_TEST_DATA("panoptic31/frames_triangulated");
+  WriteFile(folder_ / "list",
+            "000015\n000030\n000045\n000075\n000090\n000105\n000135\n");
+  Refine("panoptic31",
+         "frames_triangulated",
+         {"--frame_list_path",
+          folder_ / "list",
+          "--MultiFrame.camera_model",
+          "OPENCV"});
+  EXPECT_LE(summary_["result"]["last_step_stds"], 1e-4);
+}
+
 TEST_F(RealDataTest, PanopticOneFrame) {
   MFIR_REQUIRE_TEST_DATA("panoptic31/frames_triangulated/000000");
   WriteFile(folder_ / "list", "000000\n");
