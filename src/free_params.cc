@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <Eigen/Geometry>
 
@@ -17,19 +18,61 @@ constexpr double kWeakPriorFactor = 2.5;
 // Corrections of poses have a prior of their own, and are never held.
 constexpr double kPosePlausibleFactor = 10.0;
 
+// How far the image corner moves (px) with the parameter; infinite for NaN.
+double CornerShift(const RigCamera& camera, size_t idx, double change) {
+  const CameraModel& model = *camera.model;
+  std::vector<double> params = camera.params;
+  Eigen::Vector2d uv;
+  Eigen::Vector2d before;
+  model.Unproject(params.data(),
+                  static_cast<double>(camera.width),
+                  static_cast<double>(camera.height),
+                  uv.data());
+  model.Project(params.data(), uv.x(), uv.y(), before.data());
+  double max_shift = 0.0;
+  for (const double sign : {-1.0, 1.0}) {
+    params[idx] = camera.params[idx] + sign * change;
+    Eigen::Vector2d after;
+    model.Project(params.data(), uv.x(), uv.y(), after.data());
+    const double shift = (after - before).norm();
+    max_shift = std::isfinite(shift) ? std::max(max_shift, shift)
+                                     : std::numeric_limits<double>::infinity();
+  }
+  return max_shift;
+}
+
+// The change of a distortion coefficient that moves the image corner by `shift`
+// (px). The derivative alone would not do: that of the angle of FOV is 0 where
+// the angle is.
+double ChangeOfCornerShift(const RigCamera& camera,
+                           const FreeParam& param,
+                           double shift) {
+  double low = 0.0;
+  double high = shift / param.pixels;
+  if (CornerShift(camera, param.idx, high) <= 2.0 * shift) return high;
+  for (int i = 0; i < 30; ++i) {
+    const double middle = 0.5 * (low + high);
+    (CornerShift(camera, param.idx, middle) < shift ? low : high) = middle;
+  }
+  return high;
+}
+
 double PlausibleStd(const FixedExtrinsicsOptions& options,
                     const RigCamera& camera,
                     const FreeParam& param) {
   if (options.min_information > 0.0) {
     return 1.0 / (std::sqrt(options.min_information) * param.pixels);
   }
-  const double half_diagonal = 0.5 * std::hypot(camera.width, camera.height);
-  const std::vector<double>& start =
-      camera.prior_params.empty() ? camera.params : camera.prior_params;
-  return kPlausibleShare *
-         (param.type == FreeParam::kFocalLength ? start[param.idx]
-                                                : half_diagonal) /
-         param.pixels;
+  if (param.type == FreeParam::kFocalLength) {
+    const std::vector<double>& start =
+        camera.prior_params.empty() ? camera.params : camera.prior_params;
+    return kPlausibleShare * start[param.idx];
+  }
+  const double shift =
+      kPlausibleShare * 0.5 * std::hypot(camera.width, camera.height);
+  return param.type == FreeParam::kPrincipalPoint
+             ? shift
+             : ChangeOfCornerShift(camera, param, shift);
 }
 
 Eigen::Matrix3d ExpRotation(const Eigen::Vector3d& rotation_vector) {
