@@ -54,10 +54,12 @@ struct FixedExtrinsicsOptions {
   // deviation of more than 2 % of the focal length; for the others, of what
   // moves the image corner by 2 % of half the image diagonal. 0: none.
   double min_information = 0.0;
-  // Whether a weak prior, 2.5 times wider, keeps all intrinsics near
-  // prior_params: far from the solution, where nothing can be said about what
-  // the data determine.
-  bool weak_prior = false;
+  // Whether distortion has a weak prior around prior_params: a standard
+  // deviation of what moves the image corner by 5 % of half the image diagonal.
+  // Next to data that tell anything it is nothing, but rich lens models do not
+  // run away in the first solves, and parameters without effect (the angle of
+  // FOV at 0) do not make the equations singular.
+  bool weak_distortion_prior = false;
 
   int max_num_iterations = 100;
 

@@ -13,7 +13,7 @@ namespace {
 // of it, the others by what moves the image corner by this share of half the
 // image diagonal.
 constexpr double kPlausibleShare = 0.02;
-// The weak prior is this much wider: starts may be worse than plausible.
+// The weak prior of distortion is this much wider.
 constexpr double kWeakPriorFactor = 2.5;
 // Corrections of poses have a prior of their own, and are never held.
 constexpr double kPosePlausibleFactor = 10.0;
@@ -131,7 +131,7 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
     }
     if (!refine) continue;
     param.plausible_std = PlausibleStd(options, camera, param);
-    if (options.weak_prior && param.type == FreeParam::kExtra) {
+    if (options.weak_distortion_prior && param.type == FreeParam::kExtra) {
       param.prior_std = kWeakPriorFactor * param.plausible_std;
     }
     params.push_back(param);

@@ -195,13 +195,11 @@ class Refiner {
     solver_options.center_std = options_.extrinsics_translation_std;
     solver_options.focal_std = options_.prior_focal_std;
     solver_options.principal_point_std = options_.prior_principal_point_std;
-    // Far from the solution little information only means a bad fit: nothing
-    // is held yet, but nothing may run away.
+    // Far from the solution little information only means a bad fit.
     if (name == "final") {
       solver_options.min_information = options_.min_information;
-    } else {
-      solver_options.weak_prior = options_.min_information != 0.0;
     }
+    solver_options.weak_distortion_prior = options_.min_information != 0.0;
     double weight_sum = 0.0;
     double num_observations = 0.0;
     for (const Frame& frame : scene_->frames) {

