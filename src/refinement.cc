@@ -322,10 +322,60 @@ void SetMedianIntrinsics(Scene* scene) {
   }
 }
 
+// COLMAP's limits of what is no bogus camera. Structure from motion with few
+// images of a camera ends anywhere.
+bool IsPlausible(const RigCamera& camera, const std::vector<double>& params) {
+  const double max_size =
+      static_cast<double>(std::max(camera.width, camera.height));
+  for (const size_t idx : camera.model->FocalLengthIdxs()) {
+    const double ratio = params[idx] / max_size;
+    if (!(ratio >= 0.1 && ratio <= 10.0)) return false;
+  }
+  const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
+  return params[idxs[0]] >= 0.0 && params[idxs[0]] <= camera.width &&
+         params[idxs[1]] >= 0.0 && params[idxs[1]] <= camera.height;
+}
+
+// Replaces the medians of cameras that have implausible intrinsics in some
+// frames by those of the others; without any, focal lengths by the median of
+// the array's cameras of the same model and image size, and principal points by
+// the image centre.
+void ReplaceImplausibleIntrinsics(Scene* scene) {
+  Scene plausible;
+  plausible.cameras = scene->cameras;
+  for (const Frame& frame : scene->frames) {
+    plausible.frames.emplace_back();
+    for (const FrameImage& image : frame.images) {
+      if (IsPlausible(scene->cameras[image.camera_idx], image.params)) {
+        plausible.frames.back().images.push_back(image);
+      }
+    }
+  }
+  SetMedianIntrinsics(&plausible);
+  scene->cameras = plausible.cameras;
+  for (RigCamera& camera : scene->cameras) {
+    if (camera.model == nullptr || IsPlausible(camera, camera.params)) continue;
+    for (const size_t idx : camera.model->FocalLengthIdxs()) {
+      std::vector<double> focal_lengths;
+      for (const RigCamera& other : plausible.cameras) {
+        if (other.model == camera.model && other.width == camera.width &&
+            other.height == camera.height && IsPlausible(other, other.params)) {
+          focal_lengths.push_back(other.params[idx]);
+        }
+      }
+      if (!focal_lengths.empty()) camera.params[idx] = Median(focal_lengths);
+    }
+    const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
+    camera.params[idxs[0]] = 0.5 * static_cast<double>(camera.width);
+    camera.params[idxs[1]] = 0.5 * static_cast<double>(camera.height);
+  }
+}
+
 }  // namespace
 
 void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene) {
   SetMedianIntrinsics(scene);
+  ReplaceImplausibleIntrinsics(scene);
   for (RigCamera& camera : scene->cameras) {
     camera.prior_params = camera.params;
   }

@@ -15,7 +15,10 @@ namespace mfir {
 
 // Sets the intrinsics (and their priors) of the rig's cameras to the median of
 // their frames, and parameters that are not refined to the same value in all
-// frames.
+// frames. Images whose focal length is not 0.1 to 10 times the larger image
+// side, or whose principal point is outside of the image, do not count; a
+// camera that has no others starts from the array's median focal length and the
+// image centre.
 void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene);
 
 struct RefinementResult {

@@ -1,6 +1,7 @@
 #include "src/refinement.h"
 #include "src/residual_statistics.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -81,6 +82,34 @@ TEST(InitializeIntrinsics, HeldParametersAreEqualInAllFrames) {
       EXPECT_EQ(image.params[3], global[3]);
     }
   }
+}
+
+TEST(InitializeIntrinsics, ImplausibleImagesDoNotCount) {
+  TestSceneOptions scene_options;
+  scene_options.num_frames = 3;
+  Scene scene = MakeTestScene(scene_options).start;
+  const Scene before = scene;
+  const double width = static_cast<double>(scene.cameras[0].width);
+  const double height = static_cast<double>(scene.cameras[0].height);
+  ASSERT_GT(width, 0.0);
+  // One of three frames, and all frames of another camera.
+  scene.frames[1].images[0].params[0] *= 100.0;
+  for (Frame& frame : scene.frames) frame.images[1].params[2] = -5.0;
+  InitializeIntrinsics(Options(0.0), &scene);
+  for (size_t j = 0; j < 4; ++j) {
+    EXPECT_DOUBLE_EQ(scene.cameras[0].params[j],
+                     0.5 * (before.frames[0].images[0].params[j] +
+                            before.frames[2].images[0].params[j]));
+  }
+  EXPECT_EQ(scene.cameras[1].params[2], 0.5 * width);
+  EXPECT_EQ(scene.cameras[1].params[3], 0.5 * height);
+  std::vector<double> others;
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    if (i != 1) others.push_back(scene.cameras[i].params[0]);
+  }
+  std::sort(others.begin(), others.end());
+  EXPECT_EQ(scene.cameras[1].params[0], others[others.size() / 2]);
+  EXPECT_EQ(scene.cameras[1].prior_params, scene.cameras[1].params);
 }
 
 TEST(RefineFixedExtrinsics, EstimatedLossRecoversNoiseAndIntrinsics) {
