@@ -7,7 +7,7 @@
 
 #include <cuda_runtime.h>
 
-#include "src/parallel_for.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

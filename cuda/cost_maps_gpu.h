@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <memory>
 
-#include "src/cost_map_backend.h"
+#include "src/feature/cost_map_backend.h"
 
 namespace mfir {
 

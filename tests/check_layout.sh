@@ -1,40 +1,69 @@
 #!/bin/bash
-# check_layout.sh [PROJECT_ROOT]: fails when src/ or cuda/ includes a COLMAP
-# header, or colmap_ext/ includes one outside of its compat.h. A quoted include
-# must therefore be a file of the folders that the including file may use: no
-# list of COLMAP's folder names, which change between versions, is needed.
+# check_layout.sh [PROJECT_ROOT]: fails when an include points up in the order of
+# the rooms below, when it names a file that is not the project's (COLMAP's headers
+# are colmap_ext/host's alone), or when a test lies in no room.
 set -euo pipefail
 cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 
+# Bottom to top. A room may include itself and those before it.
+rooms=(
+  src/util src/geometry src/sensor src/scene cuda src/feature src/estimators
+  src/evaluation src/refinement src/simulation
+  colmap_ext/host colmap_ext/io colmap_ext/rigs colmap_ext/options
+  colmap_ext/feature colmap_ext/frames colmap_ext/simulation
+  colmap_ext/controllers colmap_ext/exe
+)
 status=0
 num_includes=0
 
-# check FOLDER ALLOWED_FOLDER...
-check() {
-  local folder=$1 file line include path allowed
-  shift
-  while IFS=: read -r file line include; do
-    num_includes=$((num_includes + 1))
-    [[ $file != colmap_ext/compat.h && $include =~ [\<\"]([^\>\"]*) ]] || continue
-    path=${BASH_REMATCH[1]}
-    if [[ $include == *\<* ]]; then
-      # System headers, unless of an installed COLMAP.
-      [[ $path != *colmap/* ]] && continue
-    else
-      for allowed in "$@"; do
-        [[ -f $allowed/$path || ($path == "$allowed"/* && -f $path) ]] && continue 2
-      done
-    fi
-    echo "$file:$line: $folder/ may not include $path (allowed: files of $*)"
-    status=1
-  done < <(grep -rnE '^[[:space:]]*#[[:space:]]*include[[:space:]]*[<"]' "$folder")
+fail() {
+  echo "$1"
+  status=1
 }
 
-check src src cuda
-if [[ -d cuda ]]; then
-  check cuda src cuda
-fi
-check colmap_ext colmap_ext src cuda
+# rank ROOM: its place, or nothing.
+rank() {
+  local i
+  for i in "${!rooms[@]}"; do
+    [[ ${rooms[i]} != "$1" ]] || echo "$i"
+  done
+}
+
+check_include() {
+  local file=$1 line=$2 include=$3 room path
+  room=${file%/*}
+  path=$(sed -E 's/.*[<"]([^>"]*)[>"].*/\1/' <<<"$include")
+  if [[ $include == *\<* ]]; then
+    [[ $path != *colmap/* ]] || fail "$file:$line: $path is a header of an installed COLMAP"
+    return
+  fi
+  if [[ ! -f $path ]]; then
+    [[ $room == colmap_ext/host ]] ||
+      fail "$file:$line: $path is no file of the project; COLMAP's headers belong to colmap_ext/host"
+    return
+  fi
+  # The launchers and the maths that they launch know each other.
+  [[ $room != cuda || $path != src/feature/* ]] || return 0
+  if [[ -z $(rank "${path%/*}") ]] || (($(rank "${path%/*}") > $(rank "$room"))); then
+    fail "$file:$line: $room may not include $path: it points up"
+  fi
+}
+
+for folder in src colmap_ext cuda; do
+  while IFS=: read -r file line include; do
+    num_includes=$((num_includes + 1))
+    if [[ -z $(rank "${file%/*}") ]]; then
+      fail "$file: ${file%/*} is no room"
+      continue
+    fi
+    check_include "$file" "$line" "$include"
+  done < <(grep -rnE '^[[:space:]]*#[[:space:]]*include[[:space:]]*[<"]' "$folder")
+done
+while IFS= read -r file; do
+  room=$(basename "$(dirname "$file")")
+  [[ -n $(rank "src/$room")$(rank "colmap_ext/$room") ]] ||
+    fail "$file: tests mirror the rooms, and there is no room $room"
+done < <(find tests -name '*_test.cc')
 
 if ((num_includes == 0)); then
   echo "no include found at all: is '$PWD' the project's folder?"

@@ -6,8 +6,8 @@
 
 #include <benchmark/benchmark.h>
 
-#include "src/cost_map_backend.h"
-#include "src/random.h"
+#include "src/feature/cost_map_backend.h"
+#include "src/util/random.h"
 
 namespace mfir {
 namespace {

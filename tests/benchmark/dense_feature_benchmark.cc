@@ -13,11 +13,11 @@
 #include <filesystem>
 #include <iostream>
 
-#include "colmap_ext/command.h"
-#include "colmap_ext/dense_feature_sources.h"
-#include "colmap_ext/frames.h"
-#include "colmap_ext/model_io.h"
-#include "src/camera_naming.h"
+#include "colmap_ext/exe/command.h"
+#include "colmap_ext/feature/dense_feature_sources.h"
+#include "colmap_ext/frames/frames.h"
+#include "colmap_ext/io/model_io.h"
+#include "src/sensor/camera_naming.h"
 
 namespace mfir {
 namespace {

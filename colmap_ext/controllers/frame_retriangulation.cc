@@ -1,0 +1,261 @@
+#include "colmap_ext/controllers/frame_retriangulation.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+#include "colmap_ext/controllers/frame_triangulation.h"
+#include "colmap_ext/controllers/parallel_log.h"
+#include "src/util/errors.h"
+#include "src/util/parallel_for.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Databases hold single precision.
+constexpr double kMaxKeypointDifference = 0.01;  // px
+constexpr double kMinShareOfObservations = 0.5;
+
+// A folder for as long as this object lives.
+class WorkFolder {
+ public:
+  explicit WorkFolder(const fs::path& path) : path_(path) {
+    std::error_code error;
+    fs::create_directories(path_, error);
+    if (error) {
+      throw OutputError("--output_path: cannot create " + path_.string() +
+                        ": " + error.message() + ".");
+    }
+  }
+  ~WorkFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  WorkFolder(const WorkFolder&) = delete;
+  WorkFolder& operator=(const WorkFolder&) = delete;
+
+ private:
+  const fs::path path_;
+};
+
+struct NewFrame {
+  std::unique_ptr<colmap::Reconstruction> model;  // null: keeps its tracks
+  FrameStatistics statistics;
+  std::string failure;
+};
+
+// Also models of undistorted images or of refined keypoints may lie beside the
+// database of the raw ones.
+void CheckKeypoints(const FrameModel& frame, const colmap::Database& database) {
+  for (const auto& [camera_idx, image_id] : frame.image_ids) {
+    const colmap::Image& image = frame.reconstruction->Image(image_id);
+    if (!database.ExistsImageWithName(image.Name())) {
+      throw InputError("it has no image '" + image.Name() + "'");
+    }
+    const colmap::FeatureKeypoints keypoints = database.ReadKeypoints(
+        database.ReadImageWithName(image.Name()).ImageId());
+    for (size_t i = 0; i < image.NumPoints2D(); ++i) {
+      const colmap::Point2D& point = image.Point2D(i);
+      if (!point.HasPoint3D()) continue;
+      if (i >= keypoints.size() ||
+          !(std::hypot(keypoints[i].x - point.X(),
+                       keypoints[i].y - point.Y()) <= kMaxKeypointDifference)) {
+        throw InputError("its keypoints of image '" + image.Name() +
+                         "' are not those of the sparse model");
+      }
+    }
+  }
+}
+
+// Leaves matches only; what came verified only becomes matches.
+void ForgetVerification(colmap::Database* database) {
+  const colmap::DatabaseTransaction transaction(database);
+  if (database->NumMatches() == 0) {
+    std::vector<colmap::image_pair_t> pair_ids;
+    std::vector<colmap::TwoViewGeometry> geometries;
+    database->ReadTwoViewGeometries(&pair_ids, &geometries);
+    database->ClearMatches();
+    for (size_t i = 0; i < pair_ids.size(); ++i) {
+      colmap::image_t id1, id2;
+      colmap::Database::PairIdToImagePair(pair_ids[i], &id1, &id2);
+      database->WriteMatches(id1, id2, geometries[i].inlier_matches);
+    }
+  }
+  database->ClearTwoViewGeometries();
+}
+
+std::map<size_t, colmap::image_t> ImageIds(
+    const colmap::Reconstruction& reconstruction) {
+  std::map<size_t, colmap::image_t> image_ids;
+  for (const colmap::image_t image_id : reconstruction.RegImageIds()) {
+    image_ids[reconstruction.Image(image_id).CameraId() - 1] = image_id;
+  }
+  return image_ids;
+}
+
+// Throws InputError where the frame must keep its tracks.
+void Retriangulate(const MultiFrameOptions& options,
+                   const TriangulatorOptions& track_options,
+                   const std::vector<RigCamera>& cameras,
+                   const fs::path& work_path,
+                   int num_threads,
+                   const FrameModel& frame,
+                   NewFrame* result) {
+  const WorkFolder folder(work_path);
+  const std::string path = (work_path / "database.db").string();
+  CopyFrameDatabase(frame.database_path, path);
+  colmap::Database database(path);
+  CheckKeypoints(frame, database);
+  ForgetVerification(&database);
+  FrameTimings timings;
+  // Images without camera in RIG have been reported before.
+  std::vector<std::string> warnings;
+  auto model = std::make_unique<colmap::Reconstruction>(
+      TriangulateFrame(track_options,
+                       CameraNaming(options.camera_name_regex),
+                       cameras,
+                       num_threads,
+                       &database,
+                       &result->statistics,
+                       &timings,
+                       &warnings));
+  const std::map<size_t, colmap::image_t> image_ids = ImageIds(*model);
+  for (const auto& [camera_idx, image_id] : frame.image_ids) {
+    const std::string& name = frame.reconstruction->Image(image_id).Name();
+    const auto it = image_ids.find(camera_idx);
+    if (it == image_ids.end() || model->Image(it->second).Name() != name) {
+      throw InputError("its image '" + name + "' belongs to another camera");
+    }
+  }
+  const size_t num_before = frame.reconstruction->ComputeNumObservations();
+  if (static_cast<double>(result->statistics.num_observations) <
+      kMinShareOfObservations * static_cast<double>(num_before)) {
+    throw InputError(
+        "it gives only " + std::to_string(result->statistics.num_observations) +
+        " observations in the stead of " + std::to_string(num_before));
+  }
+  result->model = std::move(model);
+}
+
+// The cameras with the present intrinsics for a frame.
+std::vector<RigCamera> PresentCameras(const MultiFrameOptions& options,
+                                      const Scene& scene,
+                                      const Frame& frame) {
+  std::vector<RigCamera> cameras = scene.cameras;
+  if (options.SingleFrameMode()) {
+    for (const FrameImage& image : frame.images) {
+      cameras[image.camera_idx].params = image.params;
+    }
+  }
+  return cameras;
+}
+
+// By used frame.
+std::vector<NewFrame> RetriangulateAll(
+    const MultiFrameOptions& options,
+    const TriangulatorOptions& track_options,
+    const fs::path& work_path,
+    const std::vector<const FrameModel*>& models,
+    const Scene& scene) {
+  const int num_threads = options.EffectiveNumThreads();
+  const int num_frames_at_once =
+      std::min<int>(num_threads, static_cast<int>(models.size()));
+  std::vector<NewFrame> results(models.size());
+  std::atomic<size_t> num_done = 0;
+  ParallelLog log(options.quiet);
+  ParallelFor(models.size(), num_frames_at_once, [&](size_t i) {
+    NewFrame& result = results[i];
+    ++num_done;
+    if (models[i]->database_path.empty()) return;
+    try {
+      Retriangulate(options,
+                    track_options,
+                    PresentCameras(options, scene, scene.frames[i]),
+                    work_path / ("retriangulation_" + std::to_string(i)),
+                    num_threads / num_frames_at_once,
+                    *models[i],
+                    &result);
+    } catch (const InputError& error) {
+      result.failure = error.what();
+      return;
+    }
+    log.Print(colmap::StringPrintf(
+        "Frame '%s' (%zu / %zu): %zu points, track length %.2f, tolerance "
+        "%.1f px",
+        models[i]->name.c_str(),
+        num_done.load(),
+        models.size(),
+        result.statistics.num_points,
+        static_cast<double>(result.statistics.num_observations) /
+            static_cast<double>(result.statistics.num_points),
+        result.statistics.median_tolerance));
+  });
+  return results;
+}
+
+// The used frames.
+template <typename Model, typename CaptureType>
+std::vector<Model*> UsedModels(CaptureType* capture) {
+  std::vector<Model*> models;
+  for (Model& model : capture->frames) {
+    if (model.skip_reason.empty()) models.push_back(&model);
+  }
+  return models;
+}
+
+}  // namespace
+
+Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
+                                    const TriangulatorOptions& track_options,
+                                    const fs::path& work_path,
+                                    const Capture& capture,
+                                    const Scene& scene) {
+  std::vector<NewFrame> new_frames =
+      RetriangulateAll(options,
+                       track_options,
+                       work_path,
+                       UsedModels<const FrameModel>(&capture),
+                       scene);
+  Retriangulation result;
+  std::vector<double> tolerances;
+  for (size_t i = 0; i < new_frames.size(); ++i) {
+    NewFrame& frame = new_frames[i];
+    if (frame.model != nullptr) {
+      tolerances.push_back(frame.statistics.median_tolerance);
+      result.num_points += frame.statistics.num_points;
+      result.num_observations += frame.statistics.num_observations;
+    } else {
+      result.num_points += scene.frames[i].points.size();
+      result.num_observations += scene.frames[i].observations.size();
+    }
+    result.models.push_back(std::move(frame.model));
+    result.failures.push_back(frame.failure);
+  }
+  result.num_frames = tolerances.size();
+  result.tolerance_px = Quantile(tolerances, 0.5);
+  return result;
+}
+
+void ReplaceTracks(const Similarity3& normalized_from_rig,
+                   Retriangulation retriangulation,
+                   Capture* capture,
+                   Scene* scene) {
+  const std::vector<FrameModel*> models = UsedModels<FrameModel>(capture);
+  std::vector<bool> is_new;
+  for (size_t i = 0; i < models.size(); ++i) {
+    is_new.push_back(retriangulation.models[i] != nullptr);
+    if (!is_new[i]) continue;
+    models[i]->image_ids = ImageIds(*retriangulation.models[i]);
+    models[i]->reconstruction = std::move(retriangulation.models[i]);
+  }
+  Scene new_scene = BuildScene(normalized_from_rig, *capture);
+  new_scene.cameras = std::move(scene->cameras);
+  for (size_t i = 0; i < models.size(); ++i) {
+    if (!is_new[i]) new_scene.frames[i] = std::move(scene->frames[i]);
+  }
+  *scene = std::move(new_scene);
+}
+
+}  // namespace mfir

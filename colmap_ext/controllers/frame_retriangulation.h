@@ -1,0 +1,55 @@
+// New tracks for frames that have a database, once the intrinsics are better
+// known than when the frames were made.
+
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "colmap_ext/frames/frames.h"
+#include "colmap_ext/options/triangulator_options.h"
+#include "src/refinement/options.h"
+#include "src/scene/scene.h"
+
+namespace mfir {
+
+// New tracks for the used frames of a capture.
+struct Retriangulation {
+  // By used frame; null: the frame keeps its tracks.
+  std::vector<std::unique_ptr<colmap::Reconstruction>> models;
+  // Why a frame with a database keeps its tracks; empty for the others.
+  std::vector<std::string> failures;
+  size_t num_frames = 0;  // with new tracks
+  // Of all frames.
+  size_t num_points = 0;
+  size_t num_observations = 0;
+  // Epipolar tolerance, pixels: median over the frames with new tracks.
+  double tolerance_px = 0.0;
+};
+
+// Makes the tracks of every used frame with a database anew, from its matches,
+// as multi_frame_triangulator does with `track_options`: with the extrinsics
+// and present intrinsics of the scene (in single-frame mode those of the
+// frame), and thresholds that follow from the epipolar errors which these
+// leave. Matches that came verified are verified again. Databases are only
+// read, from copies in `work_path`, which are removed.
+//
+// A frame keeps its tracks if its database is not usable: damaged, images or
+// keypoints other than those of the model, or less than half as many
+// observations as the frame has. Throws OutputError.
+Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
+                                    const TriangulatorOptions& track_options,
+                                    const std::filesystem::path& work_path,
+                                    const Capture& capture,
+                                    const Scene& scene);
+
+// Replaces models of the capture and frames of the scene, which is in the
+// coordinates `normalized_from_rig`; its intrinsics stay as they are.
+void ReplaceTracks(const Similarity3& normalized_from_rig,
+                   Retriangulation retriangulation,
+                   Capture* capture,
+                   Scene* scene);
+
+}  // namespace mfir

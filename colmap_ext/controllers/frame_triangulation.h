@@ -1,0 +1,35 @@
+// From the matches of a frame to its sparse model, with known extrinsics.
+
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "colmap_ext/controllers/frame_verification.h"
+#include "colmap_ext/frames/frame_database.h"
+#include "colmap_ext/host/compat.h"
+#include "colmap_ext/options/triangulator_options.h"
+#include "src/scene/scene.h"
+#include "src/sensor/camera_naming.h"
+
+namespace mfir {
+
+// Triangulates the frame of an opened database. Unless the database has
+// two-view geometries, its matches are verified against the epipolar geometry
+// of `cameras` (their extrinsics, and the intrinsics to start from), and these
+// are added to the database. Images are found in the database by camera name;
+// those without camera of the rig are left out and reported in `warnings`.
+//
+// The model has one camera per image, id = index into `cameras` + 1.
+// Throws InputError: fewer than two images, two images of a camera, image sizes
+// that are not those of the cameras, no verified pair, no point.
+colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
+                                        const CameraNaming& naming,
+                                        const std::vector<RigCamera>& cameras,
+                                        int num_threads,
+                                        colmap::Database* database,
+                                        FrameStatistics* statistics,
+                                        FrameTimings* timings,
+                                        std::vector<std::string>* warnings);
+
+}  // namespace mfir

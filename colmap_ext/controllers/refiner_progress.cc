@@ -1,0 +1,81 @@
+#include "colmap_ext/controllers/refiner_progress.h"
+
+#include <algorithm>
+#include <iostream>
+
+#include "colmap_ext/host/compat.h"
+
+namespace mfir {
+
+void Progress::Heading(const std::string& name) {
+  EndTiming();
+  name_ = name;
+  start_ = std::chrono::steady_clock::now();
+  if (!options_.quiet) colmap::PrintHeading1(name);
+}
+
+void Progress::Log(const std::string& line) const {
+  if (!options_.quiet) std::cout << line << std::endl;
+}
+
+StageCallback Progress::RecordStages(std::vector<Stage>* stages) const {
+  return [this, stages](const Stage& stage) {
+    stages->push_back(stage);
+    stages->back().index = static_cast<int>(stages->size()) - 1;
+    double cost = 0.0;
+    for (const auto& name_and_cost : stage.costs) {
+      cost += name_and_cost.second;
+    }
+    std::string prior;
+    for (const auto& name_and_weight : stage.weights) {
+      if (name_and_weight.first == "rotation_prior") {
+        prior = colmap::StringPrintf(", prior weight %g of %g",
+                                     name_and_weight.second,
+                                     options_.max_prior_weight);
+      }
+    }
+    const int num_schedule = options_.NumScheduleSolves();
+    const std::string number =
+        stage.name == "schedule"
+            ? colmap::StringPrintf("%zu / %d", stages->size(), num_schedule)
+            : std::to_string(stages->size());
+    Log(colmap::StringPrintf(
+        "Solve %s (%s%s): cost %.6g, rms %.3f px, %d iterations, %.1f s, %s",
+        number.c_str(),
+        stage.name.c_str(),
+        prior.c_str(),
+        cost,
+        stage.rms_px,
+        stage.num_iterations,
+        stage.time_s,
+        stage.termination.c_str()));
+  };
+}
+
+std::vector<std::pair<std::string, double>> Progress::Timings() {
+  EndTiming();
+  double total = 0.0;
+  for (const auto& timing : timings_) total += timing.second;
+  std::vector<std::pair<std::string, double>> timings = timings_;
+  timings.emplace_back("total", total);
+  return timings;
+}
+
+void Progress::EndTiming() {
+  if (!name_.empty()) {
+    const std::chrono::duration<double> duration =
+        std::chrono::steady_clock::now() - start_;
+    const auto earlier =
+        std::find_if(timings_.begin(), timings_.end(), [this](const auto& it) {
+          return it.first == name_;
+        });
+    if (earlier == timings_.end()) {
+      timings_.emplace_back(name_, duration.count());
+    } else {
+      earlier->second += duration.count();
+    }
+  }
+  name_.clear();
+}
+
+}  // namespace mfir

@@ -1,0 +1,36 @@
+#include "colmap_ext/exe/command.h"
+
+#include <exception>
+#include <filesystem>
+#include <iostream>
+#include <new>
+
+#include "colmap_ext/host/compat.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+
+int RunCommand(const std::function<void()>& body) {
+  try {
+    body();
+    return kExitSuccess;
+  } catch (const Error& error) {
+    std::cerr << "ERROR: " << error.what() << std::endl;
+    return error.exit_code;
+  } catch (const std::bad_alloc&) {
+    std::cerr << "ERROR: Out of memory. Select fewer frames with "
+                 "--frame_list_path."
+              << std::endl;
+    return kExitSolver;
+  } catch (const std::filesystem::filesystem_error& error) {
+    // Outputs have their own checks: this is a path that the system rejects.
+    std::cerr << "ERROR: " << error.what() << ". Correct the path."
+              << std::endl;
+    return kExitBadInput;
+  } catch (const std::exception& error) {
+    std::cerr << "ERROR: Unexpected failure: " << error.what() << std::endl;
+    return kExitSolver;
+  }
+}
+
+}  // namespace mfir

@@ -1,0 +1,18 @@
+// What all our commands share.
+
+#pragma once
+
+#include <functional>
+
+namespace mfir {
+
+// Runs the body of a command and turns exceptions into a message on stderr and
+// the exit code of the contract (src/util/errors.h).
+int RunCommand(const std::function<void()>& body);
+
+int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
+int RunMultiFrameEvaluator(int argc, char** argv);
+int RunMultiFrameSimulator(int argc, char** argv);
+int RunMultiFrameTriangulator(int argc, char** argv);
+
+}  // namespace mfir

@@ -1,0 +1,13 @@
+// The commands this extension adds to the `colmap` program.
+
+#include "colmap_ext/exe/command.h"
+#include "colmap_ext/host/compat.h"
+
+namespace {
+using namespace mfir;  // NOLINT: the macro needs plain names
+COLMAP_REGISTER_COMMAND("multi_frame_evaluator", RunMultiFrameEvaluator);
+COLMAP_REGISTER_COMMAND("multi_frame_intrinsics_refiner",
+                        RunMultiFrameIntrinsicsRefiner);
+COLMAP_REGISTER_COMMAND("multi_frame_simulator", RunMultiFrameSimulator);
+COLMAP_REGISTER_COMMAND("multi_frame_triangulator", RunMultiFrameTriangulator);
+}  // namespace

@@ -1,0 +1,229 @@
+// The command multi_frame_evaluator.
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "colmap_ext/exe/command.h"
+#include "colmap_ext/frames/frames.h"
+#include "colmap_ext/host/compat.h"
+#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/options/option_parser.h"
+#include "colmap_ext/rigs/rig_io.h"
+#include "src/evaluation/evaluation.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct EvaluatorOptions {
+  std::string input_path;
+  std::string ground_truth_path;
+  std::string ground_truth_format = "auto";
+  double ground_truth_pixel_offset = std::numeric_limits<double>::quiet_NaN();
+  std::string camera_name_regex;
+  std::string frame_list_path;
+  std::string output_path;
+};
+
+EvaluatorOptions ParseOptions(int argc, char** argv) {
+  EvaluatorOptions options;
+  OptionParser parser;
+  parser.AddRequired("input_path",
+                     &options.input_path,
+                     "Result of the refiner, a model, or a folder of frames");
+  parser.AddRequired("ground_truth_path",
+                     &options.ground_truth_path,
+                     "Cameras with the true intrinsics");
+  parser.Add("ground_truth_format",
+             &options.ground_truth_format,
+             "auto, colmap, krt or opencv");
+  parser.Add("ground_truth_pixel_offset",
+             &options.ground_truth_pixel_offset,
+             "Added to true principal points; nan: 0.5 for opencv, else 0");
+  parser.Add("MultiFrame.camera_name_regex",
+             &options.camera_name_regex,
+             "One capture group: the camera name within an image name");
+  parser.Add("frame_list_path",
+             &options.frame_list_path,
+             "File with the names of the frames to evaluate, one per line");
+  parser.Add("output_path", &options.output_path, "JSON file to write");
+  parser.AddSharedSection("MultiFrame");
+  parser.Parse(argc, argv);
+
+  const std::vector<std::string> formats = {"auto", "colmap", "krt", "opencv"};
+  if (std::find(formats.begin(), formats.end(), options.ground_truth_format) ==
+      formats.end()) {
+    throw UsageError("--ground_truth_format " + options.ground_truth_format +
+                     ": must be auto, colmap, krt or opencv.");
+  }
+  CheckPixelOffset("--ground_truth_pixel_offset",
+                   options.ground_truth_pixel_offset);
+  return options;
+}
+
+// Intrinsics of all images of a model. An image that the regular expression
+// does not match goes by its own name: a rig model has camera names as image
+// names where its source has no images.
+std::vector<CameraIntrinsics> ReadEstimatedCameras(const std::string& path,
+                                                   const CameraNaming& naming) {
+  colmap::Reconstruction reconstruction;
+  ReadModel(path, /*require_points=*/false, &reconstruction);
+  std::vector<std::string> image_names;
+  std::vector<const colmap::Image*> images;
+  for (const auto& [image_id, image] : reconstruction.Images()) {
+    images.push_back(&image);
+    image_names.push_back(image.Name());
+  }
+  const std::vector<std::string> camera_names = naming.Names(image_names);
+
+  std::vector<CameraIntrinsics> cameras(images.size());
+  for (size_t i = 0; i < images.size(); ++i) {
+    const colmap::Camera& camera = reconstruction.Camera(images[i]->CameraId());
+    cameras[i].name = camera_names[i].empty()
+                          ? CanonicalCameraName(image_names[i])
+                          : camera_names[i];
+    cameras[i].model = FindCameraModel(camera.ModelId());
+    cameras[i].width = camera.Width();
+    cameras[i].height = camera.Height();
+    cameras[i].params = camera.Params();
+  }
+  return cameras;
+}
+
+std::vector<CameraIntrinsics> ReadTrueCameras(const EvaluatorOptions& options,
+                                              const CameraNaming& naming) {
+  const Rig rig = ReadRig(options.ground_truth_path,
+                          options.ground_truth_format,
+                          naming,
+                          options.ground_truth_pixel_offset);
+  std::vector<CameraIntrinsics> cameras;
+  for (const KnownCamera& camera : rig.cameras) {
+    cameras.push_back({camera.name,
+                       camera.model,
+                       camera.width,
+                       camera.height,
+                       camera.params});
+  }
+  return cameras;
+}
+
+// One estimate per frame of the folder. Sub-folders without a model are no
+// frames; they are reported.
+std::vector<FrameEstimate> ReadFrameEstimates(const EvaluatorOptions& options,
+                                              const CameraNaming& naming) {
+  const std::vector<std::string> names =
+      ListFrames("input_path", options.input_path, options.frame_list_path);
+  std::vector<FrameEstimate> estimates;
+  for (const std::string& name : names) {
+    const std::string model_path =
+        FindSparseModel((fs::path(options.input_path) / name).string());
+    if (model_path.empty()) {
+      std::cerr << "WARNING: " << options.input_path << ": the folder '" << name
+                << "' has no sparse model and is left out." << std::endl;
+      continue;
+    }
+    estimates.push_back({name, ReadEstimatedCameras(model_path, naming)});
+  }
+  if (estimates.empty()) {
+    throw InputError(
+        "--input_path " + options.input_path +
+        ": neither a result (rig/ with summary.json or frames/), nor a model "
+        "(cameras and images, .bin or .txt), nor a folder with one sub-folder "
+        "per frame that has a sparse model.");
+  }
+  return estimates;
+}
+
+std::vector<FrameEstimate> ReadEstimates(const EvaluatorOptions& options,
+                                         const CameraNaming& naming) {
+  const fs::path path = options.input_path;
+  if (!fs::is_directory(path)) {
+    throw InputError("--input_path " + path.string() +
+                     ": there is no such folder.");
+  }
+  const bool is_result =
+      IsModelFolder((path / "rig").string()) &&
+      (fs::exists(path / "summary.json") || fs::is_directory(path / "frames"));
+  if (!is_result && !IsModelFolder(path.string())) {
+    return ReadFrameEstimates(options, naming);
+  }
+  if (!options.frame_list_path.empty()) {
+    throw UsageError("--frame_list_path selects from a folder of frames, but " +
+                     path.string() + " is one " +
+                     (is_result ? "multi-frame result." : "model."));
+  }
+  const fs::path model_path = is_result ? path / "rig" : path;
+  return {{"", ReadEstimatedCameras(model_path.string(), naming)}};
+}
+
+// A file that exists may be the ground truth, or the summary of the result.
+void CheckOutput(const std::string& path) {
+  std::error_code ignored;
+  if (path.empty() || !fs::exists(path, ignored)) return;
+  if (!fs::is_regular_file(path, ignored)) {
+    throw OutputError("--output_path " + path + " is not a regular file.");
+  }
+  std::ifstream file(path);
+  const nlohmann::json json =
+      nlohmann::json::parse(file, nullptr, /*allow_exceptions=*/false);
+  if (!json.is_object() || !json.contains("focal_abs")) {
+    throw OutputError("--output_path " + path +
+                      " exists, and is no evaluation: it is not replaced. "
+                      "Remove it, or give another file.");
+  }
+}
+
+// Under a temporary name first, so that `path` is never half a file.
+void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
+  const std::string temporary_path = path + ".tmp";
+  std::ofstream file(temporary_path);
+  // File names need not be UTF-8, JSON must be.
+  file << json.dump(
+              2, ' ', false, nlohmann::ordered_json::error_handler_t::replace)
+       << "\n";
+  file.close();
+  if (!file || std::rename(temporary_path.c_str(), path.c_str()) != 0) {
+    std::remove(temporary_path.c_str());
+    throw OutputError("--output_path " + path +
+                      ": cannot write the file. Does its folder exist, is it "
+                      "writable, and is the disk not full?");
+  }
+}
+
+Evaluation Evaluate(const EvaluatorOptions& options) {
+  const CameraNaming naming(options.camera_name_regex);
+  const std::vector<CameraIntrinsics> truth = ReadTrueCameras(options, naming);
+  const std::vector<FrameEstimate> estimates = ReadEstimates(options, naming);
+  try {
+    return EvaluateIntrinsics(estimates, truth);
+  } catch (const InputError& error) {
+    throw InputError(options.input_path + " against " +
+                     options.ground_truth_path + ": " + error.what());
+  }
+}
+
+}  // namespace
+
+int RunMultiFrameEvaluator(int argc, char** argv) {
+  return RunCommand([argc, argv]() {
+    const EvaluatorOptions options = ParseOptions(argc, argv);
+    CheckOutput(options.output_path);
+    const Evaluation evaluation = Evaluate(options);
+    PrintEvaluation(evaluation, std::cout);
+    if (!options.output_path.empty()) {
+      WriteJson(options.output_path, EvaluationToJson(evaluation));
+      std::cout << "\nWritten to " << options.output_path << std::endl;
+    }
+  });
+}
+
+}  // namespace mfir

@@ -1,0 +1,290 @@
+// The command multi_frame_triangulator: frames from images and known
+// extrinsics.
+
+#include <algorithm>
+#include <atomic>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "colmap_ext/controllers/frame_triangulation.h"
+#include "colmap_ext/controllers/parallel_log.h"
+#include "colmap_ext/exe/command.h"
+#include "colmap_ext/exe/triangulator_inputs.h"
+#include "colmap_ext/frames/frame_database.h"
+#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/options/triangulator_options.h"
+#include "src/util/errors.h"
+#include "src/util/parallel_for.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+// Within FRAMES/FRAME. The record comes last: a frame that has it is finished.
+constexpr const char* kDatabaseName = "database.db";
+constexpr const char* kRecordName = "triangulation.json";
+constexpr const char* kUnfinishedName = ".unfinished";
+
+// The record of an earlier run, empty if the frame is not finished.
+Json ReadRecord(const fs::path& folder) {
+  std::ifstream file(folder / kRecordName);
+  if (!file || !fs::exists(folder / "sparse" / "0" / "points3D.bin")) {
+    return Json::object();
+  }
+  const Json record = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const auto is_text = [&record](const char* key) {
+    return record.contains(key) && record[key].is_string();
+  };
+  return record.is_object() && is_text("inputs") && is_text("database")
+             ? record
+             : Json::object();
+}
+
+Json MakeRecord(const TriangulatorInputs& inputs,
+                bool made_database,
+                const FrameStatistics& statistics,
+                const FrameTimings& timings,
+                const std::vector<std::string>& warnings) {
+  return {{"inputs", inputs.fingerprint},
+          {"database", made_database ? "made" : "given"},
+          {"num_images", statistics.num_images},
+          {"num_pairs", statistics.num_pairs},
+          {"num_matches", statistics.num_matches},
+          {"num_inlier_matches", statistics.num_inlier_matches},
+          {"median_tolerance_px", statistics.median_tolerance},
+          {"large_tolerance_px", statistics.large_tolerance},
+          {"num_points", statistics.num_points},
+          {"num_observations", statistics.num_observations},
+          {"timings_s",
+           {{"extraction", timings.extraction},
+            {"matching", timings.matching},
+            {"verification", timings.verification},
+            {"triangulation", timings.triangulation}}},
+          {"warnings", warnings}};
+}
+
+// Writes everything under a temporary name; the record is moved last.
+class FrameOutput {
+ public:
+  explicit FrameOutput(const fs::path& folder)
+      : folder_(folder), unfinished_(folder / kUnfinishedName) {
+    Try([this]() {
+      fs::remove_all(unfinished_);
+      fs::create_directories(unfinished_);
+    });
+  }
+  ~FrameOutput() {
+    std::error_code ignored;
+    fs::remove_all(unfinished_, ignored);
+    fs::remove(folder_, ignored);  // only if nothing else is in it
+  }
+
+  std::string DatabasePath() const {
+    return (unfinished_ / kDatabaseName).string();
+  }
+
+  std::string ModelPath() const {
+    return (unfinished_ / "sparse" / "0").string();
+  }
+
+  void Finish(bool keep_database, const Json& record) const {
+    Try([&]() {
+      std::ofstream file(unfinished_ / kRecordName);
+      file << record.dump(2, ' ', false, Json::error_handler_t::replace)
+           << "\n";
+      file.close();
+      if (!file) throw std::runtime_error("is the disk full?");
+      // A model beside a record is one of this command's, finished or not.
+      std::ofstream(folder_ / kRecordName, std::ios::trunc) << "{}\n";
+      if (keep_database) {
+        fs::rename(DatabasePath(), folder_ / kDatabaseName);
+      }
+      fs::remove_all(folder_ / "sparse" / "0");
+      fs::create_directories(folder_ / "sparse");
+      fs::rename(unfinished_ / "sparse" / "0", folder_ / "sparse" / "0");
+      fs::rename(unfinished_ / kRecordName, folder_ / kRecordName);
+    });
+  }
+
+ private:
+  template <typename Function>
+  void Try(const Function& function) const {
+    try {
+      function();
+    } catch (const std::exception& error) {
+      throw OutputError(folder_.string() +
+                        ": cannot write: " + std::string(error.what()));
+    }
+  }
+
+  const fs::path folder_;
+  const fs::path unfinished_;
+};
+
+// Returns what the frame came to, for the log. Throws InputError.
+std::string ProcessFrame(const TriangulatorOptions& options,
+                         const TriangulatorInputs& inputs,
+                         int num_threads,
+                         InputFrame* frame) {
+  const fs::path folder = fs::path(options.output_path) / frame->name;
+  const Json previous = ReadRecord(folder);
+  if (!options.overwrite &&
+      previous.value("inputs", "") == inputs.fingerprint) {
+    return "finished before";
+  }
+  if (fs::exists(folder / "sparse" / "0") &&
+      !fs::exists(folder / kRecordName)) {
+    throw InputError((folder / "sparse" / "0").string() +
+                     " is there, but not from this command: it is not "
+                     "replaced. Move it away, or give another --output_path.");
+  }
+  const fs::path database_path = folder / kDatabaseName;
+  const bool is_own = previous.value("database", "") == "made";
+  const bool make_database =
+      !fs::exists(database_path) || (options.overwrite && is_own);
+  if (make_database && !frame->failure.empty()) {
+    throw InputError(frame->failure);
+  }
+  const FrameOutput output(folder);
+  FrameStatistics statistics;
+  FrameTimings timings;
+  if (make_database) {
+    MakeFrameDatabase(options,
+                      inputs.cameras,
+                      frame->files,
+                      inputs.pairs,
+                      num_threads,
+                      output.DatabasePath(),
+                      &timings,
+                      &frame->warnings);
+  } else {
+    CopyFrameDatabase(database_path.string(), output.DatabasePath());
+  }
+  {
+    colmap::Database database(output.DatabasePath());
+    WriteModel(output.ModelPath(),
+               /*with_text=*/false,
+               TriangulateFrame(options,
+                                inputs.naming,
+                                inputs.cameras,
+                                num_threads,
+                                &database,
+                                &statistics,
+                                &timings,
+                                &frame->warnings));
+  }
+  output.Finish(make_database,
+                MakeRecord(inputs,
+                           make_database || is_own,
+                           statistics,
+                           timings,
+                           frame->warnings));
+  return colmap::StringPrintf(
+      "%zu images, %zu pairs, tolerance %.1f px, %zu points, track length "
+      "%.2f%s (%.1f + %.1f + %.1f + %.1f s)",
+      statistics.num_images,
+      statistics.num_pairs,
+      statistics.median_tolerance,
+      statistics.num_points,
+      static_cast<double>(statistics.num_observations) / statistics.num_points,
+      make_database ? "" : ", given database",
+      timings.extraction,
+      timings.matching,
+      timings.verification,
+      timings.triangulation);
+}
+
+void ProcessFrames(const TriangulatorOptions& options,
+                   TriangulatorInputs* inputs) {
+  const int num_threads = colmap::GetEffectiveNumThreads(options.num_threads);
+  const int num_frames_at_once =
+      std::min<int>(num_threads, inputs->frames.size());
+  std::atomic<size_t> num_done = 0;
+  ParallelLog log(options.quiet);
+  ParallelFor(inputs->frames.size(), num_frames_at_once, [&](size_t i) {
+    InputFrame& frame = inputs->frames[i];
+    std::string outcome;
+    try {
+      outcome = ProcessFrame(
+          options, *inputs, num_threads / num_frames_at_once, &frame);
+      frame.failure.clear();
+    } catch (const OutputError&) {
+      throw;
+    } catch (const std::exception& error) {
+      frame.failure = error.what();
+      outcome = "FAILED: " + frame.failure;
+    }
+    std::string lines = "Frame '" + frame.name + "' (" +
+                        std::to_string(++num_done) + " / " +
+                        std::to_string(inputs->frames.size()) + "): " + outcome;
+    for (const std::string& warning : frame.warnings) {
+      lines += "\n  WARNING: " + warning;
+    }
+    log.Print(lines);
+  });
+}
+
+void CreateOutputFolder(const std::string& path) {
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (error || !fs::is_directory(path)) {
+    throw OutputError("--output_path " + path + ": cannot make the folder" +
+                      (error ? ": " + error.message() : "") + ".");
+  }
+}
+
+// What failed goes to stderr also when the progress is not shown.
+void ReportFailures(const std::vector<InputFrame>& frames) {
+  const InputFrame* first_failed = nullptr;
+  size_t num_failed = 0;
+  for (const InputFrame& frame : frames) {
+    if (frame.failure.empty()) continue;
+    if (first_failed == nullptr) first_failed = &frame;
+    ++num_failed;
+  }
+  if (num_failed == frames.size()) {
+    throw InputError("No frame could be triangulated. The first, '" +
+                     first_failed->name + "': " + first_failed->failure);
+  }
+  for (const InputFrame& frame : frames) {
+    if (!frame.failure.empty()) {
+      std::cerr << "WARNING: frame '" << frame.name
+                << "' is left out: " << frame.failure << std::endl;
+    }
+  }
+}
+
+// COLMAP's default asks for a GPU; without one it would end the program.
+void ChooseDevice(TriangulatorOptions* options) {
+  if (!HasGpuSift()) {
+    options->sift_extraction.use_gpu = false;
+    options->sift_matching.use_gpu = false;
+  }
+}
+
+}  // namespace
+
+int RunMultiFrameTriangulator(int argc, char** argv) {
+  return RunCommand([argc, argv]() {
+    TriangulatorOptions options;
+    OptionParser parser;
+    AddTriangulatorOptions(&options, &parser);
+    parser.Parse(argc, argv);
+    ChooseDevice(&options);
+    options.Check();
+    TriangulatorInputs inputs = ReadTriangulatorInputs(options, parser);
+    CreateOutputFolder(options.output_path);
+    if (!options.quiet) {
+      std::cout << inputs.frames.size() << " frames, " << inputs.pairs.size()
+                << " pairs of cameras overlap" << std::endl;
+    }
+    ProcessFrames(options, &inputs);
+    ReportFailures(inputs.frames);
+  });
+}
+
+}  // namespace mfir

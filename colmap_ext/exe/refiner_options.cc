@@ -1,0 +1,202 @@
+#include "colmap_ext/exe/refiner_options.h"
+
+#include <filesystem>
+
+#include "colmap_ext/feature/dense_feature_sources.h"
+#include "colmap_ext/rigs/rig_io.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+void AddPaths(RefinerOptions* options, OptionParser* parser) {
+  parser->AddRequired("input_path",
+                      &options->input_path,
+                      "Folder with one sub-folder per frame");
+  parser->AddRequired("extrinsics_path",
+                      &options->extrinsics_path,
+                      "Known extrinsics: COLMAP model, KRT file or intri.yml + "
+                      "extri.yml");
+  parser->AddRequired(
+      "output_path", &options->output_path, "Folder for the result");
+  parser->Add("image_path",
+              &options->image_path,
+              "Images, as IMAGES/FRAME/NAME or IMAGES/NAME");
+  parser->Add("frame_list_path",
+              &options->frame_list_path,
+              "File with the frames to use, one name per line");
+  parser->Add("constant_camera_list_path",
+              &options->constant_camera_list_path,
+              "File with cameras whose intrinsics stay at their start, one "
+              "name per line");
+  parser->Add("extrinsics_format",
+              &options->extrinsics_format,
+              "auto, colmap, krt or opencv");
+  parser->Add("extrinsics_pixel_offset",
+              &options->extrinsics_pixel_offset,
+              "Added to principal points of the extrinsics file; nan: 0.5 for "
+              "opencv, else 0");
+  parser->Add("ground_truth_path",
+              &options->ground_truth_path,
+              "Cameras with true intrinsics, for the evaluation only");
+  parser->Add("ground_truth_format",
+              &options->ground_truth_format,
+              "auto, colmap, krt or opencv");
+}
+
+void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
+  const auto add = [&](const char* name, auto* value, const char* help) {
+    parser->Add(std::string("MultiFrame.") + name, value, help);
+  };
+  add("preset", &options->preset, "accurate or paper: defaults of the others");
+  add("reprojection_weight", &options->reprojection_weight, "lambda0");
+  add("rotation_prior_weight",
+      &options->rotation_prior_weight,
+      "lambda1, initial");
+  add("translation_prior_weight",
+      &options->translation_prior_weight,
+      "lambda2, initial");
+  add("featuremetric_weight",
+      &options->featuremetric_weight,
+      "lambda3; 0: no dense features");
+  add("focal_variance_weight",
+      &options->focal_variance_weight,
+      "lambda4, initial; 0 for this and the next: frames stay independent");
+  add("principal_point_variance_weight",
+      &options->principal_point_variance_weight,
+      "lambda5, initial");
+  add("extra_params_variance_weight",
+      &options->extra_params_variance_weight,
+      "The same for distortion, initial");
+  add("weight_growth",
+      &options->weight_growth,
+      "Factor on prior and variance weights after each solve");
+  add("max_prior_weight",
+      &options->max_prior_weight,
+      "Last prior weight of the schedule; below the initial ones: no schedule");
+  add("progressive",
+      &options->progressive,
+      "0: a single solve at the initial weights");
+  add("loss_scale",
+      &options->loss_scale,
+      "Cauchy scale (px); 0: loss estimated from the residuals");
+  add("max_num_iterations",
+      &options->max_num_iterations,
+      "Iterations of one solve");
+  add("refine_focal_length", &options->refine_focal_length, "");
+  add("refine_principal_point", &options->refine_principal_point, "");
+  add("refine_extra_params", &options->refine_extra_params, "");
+  add("use_prior_intrinsics",
+      &options->use_prior_intrinsics,
+      "Start from the intrinsics of the extrinsics file");
+  add("retriangulation_rounds",
+      &options->retriangulation_rounds,
+      "How often frames with a database.db get new tracks, with the intrinsics "
+      "so far");
+  add("static_points",
+      &options->static_points,
+      "Tracks that are in place in several frames: keep (one piece of evidence "
+      "for params_std), merge (for the estimate, too) or drop");
+  add("held_out_share",
+      &options->held_out_share,
+      "Share of the tracks that take no part, to check the result");
+  add("extrinsics_rotation_std_deg",
+      &options->extrinsics_rotation_std_deg,
+      "Standard deviation of the known rotations per axis (degrees); 0: exact");
+  add("extrinsics_translation_std",
+      &options->extrinsics_translation_std,
+      "Standard deviation of the known camera centres per axis (units of the "
+      "extrinsics); 0: exact");
+  add("prior_focal_std",
+      &options->prior_focal_std,
+      "Standard deviation of the focal lengths of the extrinsics file (px), "
+      "with use_prior_intrinsics; 0: only a start");
+  add("prior_principal_point_std",
+      &options->prior_principal_point_std,
+      "The same for principal points (px)");
+  add("min_information",
+      &options->min_information,
+      "Combinations of intrinsics about which the data say less (1/px^2) stay "
+      "at their start; -1: determined worse than 2 % of the focal length or of "
+      "half the image diagonal; 0: none");
+  add("camera_model",
+      &options->camera_model,
+      "COLMAP camera model to convert all cameras to");
+  add("camera_name_regex",
+      &options->camera_name_regex,
+      "One capture group: the camera name within an image name");
+  AddDenseFeatureOptions(options, parser);
+  add("use_gpu", &options->use_gpu, "-1: if there is one, 0, 1");
+  add("gpu_index", &options->gpu_index, "-1: any");
+  add("num_threads", &options->num_threads, "-1: all");
+  add("quiet", &options->quiet, "No progress output");
+}
+
+// What the inputs allow.
+std::string DefaultDenseFeatures(const RefinerOptions& options) {
+  const MultiFrameOptions& multi_frame = options.multi_frame;
+  if (multi_frame.featuremetric_weight == 0.0) return "none";
+  if (!multi_frame.features.database_path.empty()) return "database";
+  if (!multi_frame.features.onnx.path.empty()) return "onnx";
+  return options.image_path.empty() ? "none" : "sift";
+}
+
+void CheckOptions(const RefinerOptions& options) {
+  options.multi_frame.Check();
+  options.tracks.Check();
+  for (const std::string* format :
+       {&options.extrinsics_format, &options.ground_truth_format}) {
+    if (*format != "auto" && *format != "colmap" && *format != "krt" &&
+        *format != "opencv") {
+      throw UsageError("The format '" + *format +
+                       "' must be auto, colmap, krt or opencv.");
+    }
+  }
+  CheckPixelOffset("--extrinsics_pixel_offset",
+                   options.extrinsics_pixel_offset);
+  const MultiFrameOptions& multi_frame = options.multi_frame;
+  if (multi_frame.dense_features == "none" &&
+      (multi_frame.use_gpu == 1 || multi_frame.gpu_index >= 0)) {
+    throw UsageError(
+        "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index are for dense "
+        "features: give --image_path or leave them at -1.");
+  }
+  if (!options.image_path.empty() &&
+      !std::filesystem::is_directory(options.image_path)) {
+    throw InputError("--image_path " + options.image_path +
+                     " is not a folder. Correct it or leave it out: images are "
+                     "for dense features only.");
+  }
+}
+
+}  // namespace
+
+void ParseRefinerOptions(int argc,
+                         char** argv,
+                         RefinerOptions* options,
+                         OptionParser* parser) {
+  MultiFrameOptions* multi_frame = &options->multi_frame;
+  multi_frame->ApplyPreset(multi_frame->preset);
+  AddPaths(options, parser);
+  AddMultiFrameOptions(multi_frame, parser);
+  AddTrackOptions(&options->tracks, parser);
+  parser->AddSharedSection("MultiFrameTriangulator");
+  parser->Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
+    multi_frame->ApplyPreset(name);
+  });
+  // Only their defaults give way to a schedule.
+  if (multi_frame->NumScheduleSolves() > 0) {
+    if (!parser->IsSet("MultiFrame.held_out_share")) {
+      multi_frame->held_out_share = 0.0;
+    }
+    if (!parser->IsSet("MultiFrame.retriangulation_rounds")) {
+      multi_frame->retriangulation_rounds = 0;
+    }
+  }
+  if (multi_frame->dense_features.empty()) {
+    multi_frame->dense_features = DefaultDenseFeatures(*options);
+  }
+  CheckOptions(*options);
+}
+
+}  // namespace mfir

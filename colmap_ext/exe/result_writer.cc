@@ -1,0 +1,438 @@
+#include "colmap_ext/exe/result_writer.h"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/model_io.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr double kMaxFocalStd = 0.05;  // relative
+
+Json NumberOrNull(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
+
+bool AllFinite(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double value) {
+    return std::isfinite(value);
+  });
+}
+
+bool IsFinite(const Rigid3& pose) {
+  return pose.rotation.coeffs().allFinite() && pose.translation.allFinite();
+}
+
+void WriteTextFile(const fs::path& path, const std::string& text) {
+  std::ofstream file(path);
+  file << text;
+  file.close();
+  if (!file) {
+    throw OutputError(path.string() +
+                      ": cannot write the file. Is the disk full?");
+  }
+}
+
+// The refined intrinsics with the extrinsics as they were given.
+std::vector<KnownCamera> GivenCameras(const RefinerResult& result) {
+  std::vector<KnownCamera> cameras = result.cameras;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    cameras[i].cam_from_world = result.capture->cameras[i].cam_from_world;
+  }
+  return cameras;
+}
+
+// What soft extrinsics have changed: rotation vector (degrees, after the given
+// rotation) and shift of the camera centre (units of RIG).
+Json MakeCorrection(const KnownCamera& given, const KnownCamera& corrected) {
+  const Eigen::AngleAxisd rotation((corrected.cam_from_world.rotation *
+                                    given.cam_from_world.rotation.conjugate())
+                                       .normalized());
+  const Eigen::Vector3d degrees =
+      rotation.angle() * 180.0 / M_PI * rotation.axis();
+  const Eigen::Vector3d shift =
+      corrected.cam_from_world.Center() - given.cam_from_world.Center();
+  return {{"rotation_deg", {degrees.x(), degrees.y(), degrees.z()}},
+          {"center", {shift.x(), shift.y(), shift.z()}}};
+}
+
+// Correlation coefficients of a camera's parameters; null where one is held.
+Json MakeCorrelations(const Eigen::MatrixXd& covariance) {
+  Json rows = Json::array();
+  for (Eigen::Index i = 0; i < covariance.rows(); ++i) {
+    Json row = Json::array();
+    for (Eigen::Index j = 0; j < covariance.cols(); ++j) {
+      row.push_back(NumberOrNull(
+          covariance(i, j) / std::sqrt(covariance(i, i) * covariance(j, j))));
+    }
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+// Standard deviations of what all cameras share, the weak modes of a dome.
+Json MakeModes(const RefinerResult& result) {
+  const Eigen::MatrixXd& covariance = result.refinement.covariance;
+  Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(covariance.rows(), 3);
+  const double num_cameras = static_cast<double>(result.cameras.size());
+  Eigen::Index begin = 0;
+  for (const KnownCamera& camera : result.cameras) {
+    const std::vector<size_t>& focal_idxs = camera.model->FocalLengthIdxs();
+    for (const size_t idx : focal_idxs) {
+      modes(begin + static_cast<Eigen::Index>(idx), 0) =
+          1000.0 / (camera.params[idx] * num_cameras *
+                    static_cast<double>(focal_idxs.size()));
+    }
+    for (Eigen::Index axis = 0; axis < 2; ++axis) {
+      const size_t idx = camera.model->PrincipalPointIdxs()[axis];
+      modes(begin + static_cast<Eigen::Index>(idx), 1 + axis) =
+          1.0 / num_cameras;
+    }
+    begin += static_cast<Eigen::Index>(camera.params.size());
+  }
+  const Eigen::Vector3d stds =
+      (modes.transpose() * covariance * modes).diagonal().cwiseSqrt();
+  return {{"common_focal_scale_std_permille", NumberOrNull(stds(0))},
+          {"common_principal_point_shift_x_std_px", NumberOrNull(stds(1))},
+          {"common_principal_point_shift_y_std_px", NumberOrNull(stds(2))}};
+}
+
+colmap::Reconstruction MakeRigModel(const std::vector<KnownCamera>& cameras) {
+  colmap::Reconstruction reconstruction;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const auto id = static_cast<colmap::camera_t>(i + 1);
+    colmap::Camera camera;
+    camera.SetCameraId(id);
+    camera.SetModelId(CameraModelId(*cameras[i].model));
+    camera.SetWidth(cameras[i].width);
+    camera.SetHeight(cameras[i].height);
+    camera.SetParams(cameras[i].params);
+    camera.SetPriorFocalLength(true);
+    reconstruction.AddCamera(camera);
+
+    colmap::Image image;
+    image.SetImageId(id);
+    image.SetCameraId(id);
+    image.SetName(cameras[i].image_name);
+    SetCamFromWorld(cameras[i].cam_from_world, &image);
+    reconstruction.AddImage(image);
+    reconstruction.RegisterImage(id);
+  }
+  return reconstruction;
+}
+
+// One row per solve; columns are the terms of all of them.
+std::string MakeHistory(const std::vector<Stage>& stages) {
+  std::vector<std::string> names;
+  for (const Stage& stage : stages) {
+    for (const auto& name_and_weight : stage.weights) {
+      if (std::find(names.begin(), names.end(), name_and_weight.first) ==
+          names.end()) {
+        names.push_back(name_and_weight.first);
+      }
+    }
+  }
+  std::ostringstream csv;
+  csv.precision(17);
+  csv << "index,name,iterations,time_s,rms_px,termination";
+  for (const std::string& name : names) {
+    csv << "," << name << "_weight," << name << "_cost";
+  }
+  csv << "\n";
+  for (const Stage& stage : stages) {
+    csv << stage.index << "," << stage.name << "," << stage.num_iterations
+        << "," << stage.time_s << "," << stage.rms_px << ","
+        << stage.termination;
+    for (const std::string& name : names) {
+      for (const auto* values : {&stage.weights, &stage.costs}) {
+        csv << ",";
+        for (const auto& name_and_value : *values) {
+          if (name_and_value.first == name) csv << name_and_value.second;
+        }
+      }
+    }
+    csv << "\n";
+  }
+  return csv.str();
+}
+
+Json MakeFrames(const RefinerResult& result) {
+  Json frames = Json::array();
+  size_t frame_idx = 0;
+  for (const FrameModel& model : result.capture->frames) {
+    const bool used = model.skip_reason.empty();
+    const Frame* frame = used ? &result.scene->frames[frame_idx++] : nullptr;
+    frames.push_back(
+        {{"name", model.name},
+         {"status", used ? "used" : "skipped"},
+         {"reason", model.skip_reason},
+         {"num_images", used ? frame->images.size() : 0},
+         {"num_points", used ? frame->points.size() : 0},
+         {"num_observations", used ? frame->observations.size() : 0},
+         {"alignment_rms", used ? Json(model.alignment_rms) : Json(nullptr)}});
+  }
+  return frames;
+}
+
+bool IsUnusual(const std::optional<CameraDrift>& drift) {
+  return drift && drift->is_unusual;
+}
+
+Json DriftToJson(const std::optional<CameraDrift>& drift) {
+  if (!drift) return nullptr;
+  return {{"focal_permille", drift->focal_permille},
+          {"others_focal_permille", drift->others_focal_permille},
+          {"focal_stds", drift->focal_stds},
+          {"principal_point_px",
+           {drift->principal_point.x(), drift->principal_point.y()}},
+          {"others_principal_point_px", drift->others_principal_point},
+          {"principal_point_stds", drift->principal_point_stds}};
+}
+
+Json MakeCameras(const RefinerResult& result) {
+  const Scene& scene = *result.scene;
+  std::vector<size_t> num_frames(scene.cameras.size(), 0);
+  std::vector<size_t> num_observations(scene.cameras.size(), 0);
+  for (const Frame& frame : scene.frames) {
+    std::vector<bool> seen(frame.images.size(), false);
+    for (const Observation& observation : frame.observations) {
+      seen[observation.image_idx] = true;
+      ++num_observations[frame.images[observation.image_idx].camera_idx];
+    }
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      num_frames[frame.images[i].camera_idx] += seen[i];
+    }
+  }
+
+  Json cameras = Json::array();
+  Eigen::Index param_begin = 0;
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    const RigCamera& camera = scene.cameras[i];
+    Json params_std = Json::array();
+    const Eigen::Index num_params =
+        static_cast<Eigen::Index>(camera.params.size());
+    const Json correlations =
+        MakeCorrelations(result.refinement.covariance.block(
+            param_begin, param_begin, num_params, num_params));
+    bool determined = !result.refinement.held_cameras[i];
+    for (size_t j = 0; j < camera.params.size(); ++j) {
+      const Eigen::Index k = param_begin + static_cast<Eigen::Index>(j);
+      const double variance = result.took_part[i]
+                                  ? result.refinement.covariance(k, k)
+                                  : std::nan("");
+      params_std.push_back(NumberOrNull(std::sqrt(variance)));
+      determined = determined && std::isfinite(variance);
+      for (const size_t idx : camera.model->FocalLengthIdxs()) {
+        if (j == idx) {
+          determined = determined &&
+                       std::sqrt(variance) < kMaxFocalStd * camera.params[idx];
+        }
+      }
+    }
+    param_begin += num_params;
+    Json flags = Json::array();
+    if (!result.took_part[i]) flags.push_back("no_observations");
+    if (result.took_part[i] && !determined) {
+      flags.push_back("weakly_determined");
+    }
+    if (result.capture->contradicting_cameras.count(camera.name) > 0) {
+      flags.push_back("contradicts_extrinsics");
+    }
+    const bool unusual_drift =
+        IsUnusual(result.drifts[i]) || IsUnusual(result.drifts_from_rig[i]);
+    if (unusual_drift) flags.push_back("unusual_drift");
+    const PoseDisagreement& pose = result.pose_disagreements[i];
+    if (pose.is_moved) flags.push_back("moved");
+    if (result.refinement.held_cameras[i]) flags.push_back("held_at_start");
+    if (camera.constant_intrinsics) flags.push_back("constant");
+    if (num_frames[i] == 1) flags.push_back("single_frame");
+    cameras.push_back(
+        {{"name", camera.name},
+         {"model", camera.model->Name()},
+         {"width", camera.width},
+         {"height", camera.height},
+         {"params", camera.params},
+         {"params_initial", result.initial_params[i]},
+         {"params_std", params_std},
+         {"correlations", correlations},
+         {"drift",
+          {{"from_start", DriftToJson(result.drifts[i])},
+           {"from_rig", DriftToJson(result.drifts_from_rig[i])}}},
+         {"moved_deg", pose.is_moved ? Json(pose.angle_deg) : Json(nullptr)},
+         {"num_frames", num_frames[i]},
+         {"num_observations", num_observations[i]},
+         {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
+         {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
+         {"flags", flags}});
+    if (result.soft_extrinsics) {
+      cameras.back()["extrinsics_correction"] =
+          MakeCorrection(result.capture->cameras[i], result.cameras[i]);
+    }
+  }
+  return cameras;
+}
+
+Json MakeStages(const std::vector<Stage>& stages) {
+  const auto to_object =
+      [](const std::vector<std::pair<std::string, double>>& values) {
+        Json object = Json::object();
+        for (const auto& value : values) {
+          object[value.first] = NumberOrNull(value.second);
+        }
+        return object;
+      };
+  Json json = Json::array();
+  for (const Stage& stage : stages) {
+    json.push_back({{"index", stage.index},
+                    {"name", stage.name},
+                    {"weights", to_object(stage.weights)},
+                    {"iterations", stage.num_iterations},
+                    {"time_s", stage.time_s},
+                    {"cost", to_object(stage.costs)},
+                    {"rms_px", NumberOrNull(stage.rms_px)},
+                    {"termination", stage.termination}});
+  }
+  return json;
+}
+
+size_t PeakRss() {
+  rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<size_t>(usage.ru_maxrss) * 1024;
+}
+
+}  // namespace
+
+void CheckFinite(const RefinerResult& result) {
+  const auto require = [](bool is_finite, const std::string& what) {
+    if (!is_finite) {
+      throw SolverError("The solver failed: " + what +
+                        " not finite. Nothing is written. Are the start "
+                        "intrinsics of that camera or frame plausible?");
+    }
+  };
+  for (const KnownCamera& camera : result.cameras) {
+    const std::string what = " of camera '" + camera.name + "' is";
+    require(AllFinite(camera.params), "an intrinsic parameter" + what);
+    require(IsFinite(camera.cam_from_world), "the pose" + what);
+  }
+  require(std::isfinite(result.rms_px_after.back()), "the rms after is");
+  for (const FrameModel& frame : result.capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    const std::string what = " of frame '" + frame.name + "' is";
+    for (const auto& id_and_camera : frame.reconstruction->Cameras()) {
+      require(AllFinite(id_and_camera.second.Params()),
+              "an intrinsic parameter" + what);
+    }
+    for (const auto& id_and_image : frame.reconstruction->Images()) {
+      require(IsFinite(CamFromWorld(id_and_image.second)), "a pose" + what);
+    }
+    for (const auto& id_and_point : frame.reconstruction->Points3D()) {
+      require(id_and_point.second.XYZ().allFinite(), "a point" + what);
+    }
+  }
+}
+
+Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
+  Json timings = Json::object();
+  for (const auto& name_and_time : result.timings_s) {
+    timings[name_and_time.first] = name_and_time.second;
+  }
+  Json summary = {
+      {"schema_version", 1},
+      {"tool",
+       {{"version", MFIR_VERSION},
+        {"colmap_version", colmap::GetVersionInfo()},
+        {"git", MFIR_GIT_COMMIT}}},
+      {"options", options.ToJson()},
+      {"inputs", result.inputs},
+      {"frames", MakeFrames(result)},
+      {"cameras", MakeCameras(result)},
+      {"stages", MakeStages(result.stages)},
+      {"result",
+       {{"status", result.status},
+        {"rms_px_before", NumberOrNull(result.rms_px_before.back())},
+        {"rms_px_after", NumberOrNull(result.rms_px_after.back())},
+        {"held_out_rms_px", NumberOrNull(result.held_out_rms_px)},
+        {"static_points",
+         {{"num_points", result.static_points->NumPoints()},
+          {"num_tracks", result.static_points->NumTracks()},
+          {"observation_share", result.static_points->ObservationShare()}}},
+        {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
+        {"last_step_stds", result.refinement.last_step_stds},
+        {"last_focal_change", result.refinement.last_focal_change},
+        {"noise_std_px", result.refinement.noise_std_px},
+        {"feature_noise_std_px",
+         result.refinement.feature_noise_std_px > 0.0
+             ? Json(result.refinement.feature_noise_std_px)
+             : Json(nullptr)},
+        {"outlier_share", result.refinement.outlier_share},
+        {"modes", MakeModes(result)}}},
+      {"timings_s", timings},
+      {"peak_rss_bytes", PeakRss()}};
+  if (!result.evaluation.is_null()) {
+    summary["evaluation"] = result.evaluation;
+  }
+  return summary;
+}
+
+const std::vector<std::string>& ResultNames() {
+  static const std::vector<std::string> names = {"rig_given",
+                                                 "rig",
+                                                 "frames",
+                                                 "KRT",
+                                                 "history.csv",
+                                                 "project.ini",
+                                                 "summary.json"};
+  return names;
+}
+
+WrittenResult WriteResult(const OptionParser& options,
+                          const RefinerResult& result,
+                          OutputFolder* output) {
+  CheckFinite(result);
+  WrittenResult written;
+  const fs::path& path = output->TemporaryPath();
+  try {
+    WriteModel((path / "rig").string(), true, MakeRigModel(result.cameras));
+    if (result.soft_extrinsics) {
+      WriteModel((path / "rig_given").string(),
+                 true,
+                 MakeRigModel(GivenCameras(result)));
+    }
+    for (const FrameModel& model : result.capture->frames) {
+      if (model.skip_reason.empty()) {
+        WriteModel((path / "frames" / model.name).string(),
+                   false,
+                   *model.reconstruction);
+      }
+    }
+    for (const std::string& name :
+         WriteKRT((path / "KRT").string(), result.cameras)) {
+      written.remarks.push_back("KRT cannot hold the distortion of camera '" +
+                                name + "'; it has zeros there.");
+    }
+    options.Write((path / "project.ini").string());
+    WriteTextFile(path / "history.csv", MakeHistory(result.stages));
+    WriteTextFile(path / "summary.json",
+                  MakeSummary(options, result)
+                          .dump(2, ' ', false, Json::error_handler_t::replace) +
+                      "\n");
+    written.path = output->Publish(result.status == "converged").string();
+  } catch (const fs::filesystem_error& error) {
+    throw OutputError(std::string("--output_path: ") + error.what() + ".");
+  }
+  return written;
+}
+
+}  // namespace mfir

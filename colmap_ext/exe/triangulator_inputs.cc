@@ -1,0 +1,273 @@
+#include "colmap_ext/exe/triangulator_inputs.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <map>
+#include <set>
+
+#include <nlohmann/json.hpp>
+
+#include "colmap_ext/frames/frames.h"
+#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/rigs/rig_io.h"
+#include "src/scene/view_overlap.h"
+#include "src/sensor/unmatched_names.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+std::string FindMask(const TriangulatorOptions& options,
+                     const std::string& frame_name,
+                     const std::string& image_name) {
+  if (options.mask_path.empty()) return "";
+  const fs::path masks = options.mask_path;
+  for (const fs::path& path : {masks / frame_name / (image_name + ".png"),
+                               masks / (image_name + ".png")}) {
+    if (fs::is_regular_file(path)) return path.string();
+  }
+  return "";
+}
+
+// Image files in the frame's folder by camera of the rig; adds to
+// `image_of_unknown_name`.
+InputFrame FindImages(const TriangulatorOptions& options,
+                      const CameraNaming& naming,
+                      const std::map<std::string, size_t>& camera_idxs,
+                      const std::string& frame_name,
+                      ImageOfName* image_of_unknown_name) {
+  InputFrame frame;
+  frame.name = frame_name;
+  const fs::path folder = fs::path(options.image_path) / frame_name;
+  std::vector<std::string> names;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    const bool is_image =
+        FreeImage_GetFIFFromFilename(entry.path().c_str()) != FIF_UNKNOWN;
+    if (is_image && entry.is_regular_file()) {
+      names.push_back(entry.path().lexically_relative(folder).string());
+    }
+  }
+  std::sort(names.begin(), names.end());
+  const std::vector<std::string> camera_names = naming.Names(names);
+  std::map<size_t, std::string> name_of_camera;
+  std::vector<std::string> without_camera;
+  for (size_t i = 0; i < names.size(); ++i) {
+    const auto it = camera_idxs.find(camera_names[i]);
+    if (it == camera_idxs.end()) {
+      without_camera.push_back(names[i]);
+      image_of_unknown_name->emplace(camera_names[i],
+                                     frame_name + "/" + names[i]);
+      continue;
+    }
+    const auto inserted = name_of_camera.emplace(it->second, names[i]);
+    if (!inserted.second) {
+      frame.failure = "the images '" + inserted.first->second + "' and '" +
+                      names[i] + "' belong to the same camera '" + it->first +
+                      "'; set --MultiFrame.camera_name_regex";
+    }
+    frame.files.push_back({it->second,
+                           names[i],
+                           (folder / names[i]).string(),
+                           FindMask(options, frame_name, names[i])});
+  }
+  if (!without_camera.empty()) {
+    frame.warnings.push_back(std::to_string(without_camera.size()) +
+                             " images belong to no camera of the rig and are "
+                             "left out; the first: " +
+                             without_camera.front());
+  }
+  return frame;
+}
+
+// Image size of a camera, from its first image that can be read. False if
+// there is none.
+bool FindImageSize(const std::vector<InputFrame>& frames,
+                   size_t camera_idx,
+                   RigCamera* camera) {
+  for (const InputFrame& frame : frames) {
+    for (const FrameImageFile& file : frame.files) {
+      colmap::Bitmap bitmap;
+      if (file.camera_idx == camera_idx &&
+          bitmap.Read(file.path, /*as_rgb=*/false)) {
+        camera->width = bitmap.Width();
+        camera->height = bitmap.Height();
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+// Sets the intrinsics to start from.
+void SetIntrinsics(const TriangulatorOptions& options,
+                   const KnownCamera* known,
+                   RigCamera* camera) {
+  if (options.focal_length_factor > 0.0) {
+    colmap::Camera initial;
+    initial.InitializeWithName(
+        options.camera_model,
+        options.focal_length_factor * std::max(camera->width, camera->height),
+        camera->width,
+        camera->height);
+    camera->model = FindCameraModel(options.camera_model);
+    camera->params = initial.Params();
+  } else if (known != nullptr && known->model != nullptr) {
+    camera->model = known->model;
+    camera->params = known->params;
+  } else {
+    throw InputError(
+        "Camera '" + camera->name + "' has no intrinsics in " +
+        (options.intrinsics_path.empty() ? options.extrinsics_path
+                                         : options.intrinsics_path) +
+        ". Give a model with all cameras as --intrinsics_path, or set "
+        "--MultiFrameTriangulator.focal_length_factor.");
+  }
+}
+
+std::vector<RigCamera> MakeCameras(const TriangulatorOptions& options,
+                                   const Rig& extrinsics,
+                                   const Rig& intrinsics,
+                                   const std::vector<InputFrame>& frames) {
+  std::map<std::string, const KnownCamera*> known_cameras;
+  for (const KnownCamera& camera : intrinsics.cameras) {
+    known_cameras[camera.name] = &camera;
+  }
+  std::set<size_t> used;
+  for (const InputFrame& frame : frames) {
+    for (const FrameImageFile& file : frame.files) used.insert(file.camera_idx);
+  }
+  std::vector<RigCamera> cameras;
+  for (size_t i = 0; i < extrinsics.cameras.size(); ++i) {
+    const KnownCamera& source = extrinsics.cameras[i];
+    const KnownCamera* known = known_cameras.count(source.name) > 0
+                                   ? known_cameras.at(source.name)
+                                   : nullptr;
+    RigCamera camera;
+    camera.name = source.name;
+    camera.cam_from_world = source.cam_from_world;
+    if (used.count(i) > 0) {
+      if (known != nullptr) {
+        camera.width = known->width;
+        camera.height = known->height;
+      }
+      if (camera.width == 0 && !FindImageSize(frames, i, &camera)) {
+        throw InputError("Camera '" + camera.name +
+                         "': its size is not in RIG, and none of its images "
+                         "can be read. Correct the images.");
+      }
+      SetIntrinsics(options, known, &camera);
+    }
+    cameras.push_back(std::move(camera));
+  }
+  return cameras;
+}
+
+std::vector<std::string> CamerasWithoutImages(
+    const std::vector<RigCamera>& cameras) {
+  std::vector<std::string> names;
+  for (const RigCamera& camera : cameras) {
+    if (camera.model == nullptr) names.push_back(camera.name);
+  }
+  return names;
+}
+
+// Pairs of cameras that have images.
+std::vector<std::pair<size_t, size_t>> SelectPairs(
+    const TriangulatorOptions& options, const std::vector<RigCamera>& cameras) {
+  std::vector<RigCamera> used;
+  std::vector<size_t> idxs;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    if (cameras[i].model == nullptr) continue;
+    used.push_back(cameras[i]);
+    idxs.push_back(i);
+  }
+  if (used.size() < 2) {
+    throw InputError("Only " + std::to_string(used.size()) + " cameras of " +
+                     options.extrinsics_path + " have images in " +
+                     options.image_path +
+                     ". Is it the RIG of this array? Images are looked for as "
+                     "IMAGES/FRAME/IMAGE_NAME; otherwise set "
+                     "--MultiFrame.camera_name_regex so that names agree.");
+  }
+  std::vector<std::pair<size_t, size_t>> pairs =
+      SelectOverlappingPairs(options.view_overlap, used, options.num_threads);
+  for (auto& [i, j] : pairs) {
+    i = idxs[i];
+    j = idxs[j];
+  }
+  return pairs;
+}
+
+// FNV-1a hash of the options and cameras that decide on the result.
+std::string Fingerprint(const OptionParser& parser,
+                        const std::vector<RigCamera>& cameras) {
+  Json json = parser.ToJson();
+  for (const char* name : {"output_path",
+                           "frame_list_path",
+                           "MultiFrameTriangulator.num_threads",
+                           "MultiFrameTriangulator.overwrite",
+                           "MultiFrameTriangulator.quiet",
+                           "SiftExtraction.num_threads",
+                           "SiftMatching.num_threads"}) {
+    json.erase(name);
+  }
+  for (const RigCamera& camera : cameras) {
+    const Rigid3& pose = camera.cam_from_world;
+    const Eigen::Vector4d q = pose.rotation.coeffs();
+    const Eigen::Vector3d& t = pose.translation;
+    json["cameras"].push_back({camera.name,
+                               {camera.width, camera.height},
+                               camera.params,
+                               {q(0), q(1), q(2), q(3)},
+                               {t(0), t(1), t(2)}});
+  }
+  uint64_t hash = 14695981039346656037u;
+  for (const char c :
+       json.dump(-1, ' ', false, Json::error_handler_t::replace)) {
+    hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
+  }
+  return colmap::StringPrintf("%016zx", static_cast<size_t>(hash));
+}
+
+}  // namespace
+
+TriangulatorInputs ReadTriangulatorInputs(const TriangulatorOptions& options,
+                                          const OptionParser& parser) {
+  TriangulatorInputs inputs{
+      CameraNaming(options.camera_name_regex), {}, {}, {}, ""};
+  const Rig extrinsics = ReadRig(options.extrinsics_path,
+                                 options.extrinsics_format,
+                                 inputs.naming,
+                                 options.extrinsics_pixel_offset);
+  const Rig intrinsics = options.intrinsics_path.empty()
+                             ? extrinsics
+                             : ReadRig(options.intrinsics_path,
+                                       options.intrinsics_format,
+                                       inputs.naming,
+                                       options.intrinsics_pixel_offset);
+  std::map<std::string, size_t> camera_idxs;
+  for (size_t i = 0; i < extrinsics.cameras.size(); ++i) {
+    camera_idxs[extrinsics.cameras[i].name] = i;
+  }
+  if (!options.mask_path.empty() && !fs::is_directory(options.mask_path)) {
+    throw InputError("--mask_path " + options.mask_path + " is not a folder.");
+  }
+  ImageOfName image_of_unknown_name;
+  for (const std::string& name :
+       ListFrames("image_path", options.image_path, options.frame_list_path)) {
+    inputs.frames.push_back(FindImages(
+        options, inputs.naming, camera_idxs, name, &image_of_unknown_name));
+  }
+  inputs.cameras = MakeCameras(options, extrinsics, intrinsics, inputs.frames);
+  WarnOfUnmatchedNames(
+      CamerasWithoutImages(inputs.cameras), image_of_unknown_name, std::cerr);
+  inputs.pairs = SelectPairs(options, inputs.cameras);
+  inputs.fingerprint = Fingerprint(parser, inputs.cameras);
+  return inputs;
+}
+
+}  // namespace mfir

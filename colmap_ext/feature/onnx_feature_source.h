@@ -1,0 +1,28 @@
+// Descriptor maps of a network.
+
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "colmap_ext/host/compat.h"
+#include "src/feature/dense_feature_options.h"
+#include "src/feature/dense_features.h"
+
+namespace mfir {
+
+// Features of the fully convolutional network in options.path, by OpenCV's dnn
+// module. Input: 1 x (3 or 1) x height x width, multiples of
+// options.tile_alignment; output: 1 x channels x height / stride x width /
+// stride. Below and right of the image its border pixels are repeated. Only
+// tiles with keypoints are computed.
+//
+// Throws InputError for a file that is not such a network, UsageError for
+// options that do not suit it.
+std::unique_ptr<DenseFeatureSource> MakeOnnxFeatureSource(
+    const OnnxFeatureOptions& options,
+    int patch_size,
+    int num_threads,
+    const std::string& image_path);
+
+}  // namespace mfir

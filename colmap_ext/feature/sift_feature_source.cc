@@ -1,0 +1,204 @@
+#include "colmap_ext/feature/sift_feature_source.h"
+
+#include <algorithm>
+#include <map>
+#include <memory>
+
+#include "colmap_ext/host/compat.h"
+#include "src/util/parallel_for.h"
+
+namespace mfir {
+namespace {
+
+constexpr int kNumBins = 4;  // along each axis
+constexpr int kNumChannels = 128;
+// Side of the cells whose patches are computed together where they overlap.
+constexpr int kCellSize = 32;
+// Weighted mean of the gradients (grey levels per px) below which a descriptor
+// would be rounding errors scaled to unit length.
+constexpr double kMinGradient = 0.01;
+
+struct GreyImage {
+  int width;
+  int height;
+  std::vector<float> data;  // row-major, 0 to 255
+};
+
+GreyImage SmoothedImage(const colmap::Bitmap& bitmap, double smoothing) {
+  const std::vector<uint8_t> pixels = bitmap.ConvertToRowMajorArray();
+  GreyImage image{bitmap.Width(), bitmap.Height(), {}};
+  image.data.assign(pixels.begin(), pixels.end());
+  if (smoothing > 0.0) {
+    const std::vector<float> original = image.data;
+    vl_imsmooth_f(image.data.data(),
+                  image.width,
+                  original.data(),
+                  image.width,
+                  image.height,
+                  image.width,
+                  smoothing,
+                  smoothing);
+  }
+  return image;
+}
+
+// Pixels [x, x + width) x [y, y + height) and the patches in them.
+struct Region {
+  int x;
+  int y;
+  int width;
+  int height;
+  std::vector<size_t> patches;
+
+  int Area() const { return width * height; }
+};
+
+Region BoundingRegion(const DenseFeaturePatches& patches,
+                      const std::vector<size_t>& indices) {
+  Eigen::Vector2i min = patches.corners[indices.front()];
+  Eigen::Vector2i max = min;
+  for (const size_t i : indices) {
+    min = min.cwiseMin(patches.corners[i]);
+    max = max.cwiseMax(patches.corners[i]);
+  }
+  const Eigen::Vector2i size =
+      max - min + Eigen::Vector2i::Constant(patches.patch_size);
+  return {min.x(), min.y(), size.x(), size.y(), indices};
+}
+
+// Neighbouring patches in one region where that has fewer pixels than they
+// have together, the others in regions of their own.
+std::vector<Region> GroupPatches(const DenseFeaturePatches& patches) {
+  std::map<std::pair<int, int>, std::vector<size_t>> cells;
+  for (size_t i = 0; i < patches.corners.size(); ++i) {
+    if (!patches.valid[i]) continue;
+    const Eigen::Vector2i cell = patches.corners[i] / kCellSize;
+    cells[{cell.y(), cell.x()}].push_back(i);
+  }
+  std::vector<Region> regions;
+  for (const auto& cell_and_indices : cells) {
+    const std::vector<size_t>& indices = cell_and_indices.second;
+    Region merged = BoundingRegion(patches, indices);
+    std::vector<Region> single;
+    int single_area = 0;
+    for (const size_t i : indices) {
+      single.push_back(BoundingRegion(patches, {i}));
+      single_area += single.back().Area();
+    }
+    if (merged.Area() <= single_area) {
+      regions.push_back(std::move(merged));
+    } else {
+      regions.insert(regions.end(), single.begin(), single.end());
+    }
+  }
+  return regions;
+}
+
+// The region and `margin` pixels around it, border pixels repeated.
+std::vector<float> CutOut(const GreyImage& image,
+                          const Region& region,
+                          int margin) {
+  std::vector<float> window;
+  window.reserve(static_cast<size_t>(region.width + 2 * margin) *
+                 (region.height + 2 * margin));
+  for (int y = region.y - margin; y < region.y + region.height + margin; ++y) {
+    const float* row =
+        &image.data[static_cast<size_t>(std::clamp(y, 0, image.height - 1)) *
+                    image.width];
+    for (int x = region.x - margin; x < region.x + region.width + margin; ++x) {
+      window.push_back(row[std::clamp(x, 0, image.width - 1)]);
+    }
+  }
+  return window;
+}
+
+using FilterPtr = std::unique_ptr<VlDsiftFilter, decltype(&vl_dsift_delete)>;
+
+// A filter after the computation of the descriptors at the pixels of `region`.
+FilterPtr ComputeDescriptors(const GreyImage& image,
+                             const Region& region,
+                             int bin_size) {
+  // The centres of the bins lie up to 1.5 bins from the pixel; each bin reaches
+  // one bin further, and the gradients one pixel.
+  const int radius = (kNumBins - 1) * bin_size / 2;
+  const int margin = radius + bin_size + 1;
+  const std::vector<float> window = CutOut(image, region, margin);
+  FilterPtr filter(
+      vl_dsift_new_basic(
+          region.width + 2 * margin, region.height + 2 * margin, 1, bin_size),
+      &vl_dsift_delete);
+  vl_dsift_set_flat_window(filter.get(), true);
+  // The first descriptor is centred `radius` after the first bound.
+  vl_dsift_set_bounds(filter.get(),
+                      margin - radius,
+                      margin - radius,
+                      margin + region.width - 1 + radius,
+                      margin + region.height - 1 + radius);
+  vl_dsift_process(filter.get(), window.data());
+  return filter;
+}
+
+// The square root of the L1-normalized descriptor. VLFeat's running sums leave
+// rounding errors of either sign.
+void RootNormalize(const float* descriptor, float* root) {
+  using Array = Eigen::Array<float, kNumChannels, 1>;
+  const Array positive = Eigen::Map<const Array>(descriptor).max(0.0f);
+  Eigen::Map<Array>{root} = (positive / positive.sum()).sqrt();
+}
+
+void FillPatches(const VlDsiftFilter& filter,
+                 const Region& region,
+                 DenseFeaturePatches* patches) {
+  const float* descriptors = vl_dsift_get_descriptors(&filter);
+  const VlDsiftKeypoint* keypoints = vl_dsift_get_keypoints(&filter);
+  std::vector<float> roots(static_cast<size_t>(region.Area()) * kNumChannels,
+                           0.0f);
+  for (int i = 0; i < region.Area(); ++i) {
+    if (keypoints[i].norm > kMinGradient) {
+      const size_t offset = static_cast<size_t>(i) * kNumChannels;
+      RootNormalize(descriptors + offset, &roots[offset]);
+    }
+  }
+  for (const size_t i : region.patches) {
+    for (int row = 0; row < patches->patch_size; ++row) {
+      for (int column = 0; column < patches->patch_size; ++column) {
+        const size_t pixel =
+            static_cast<size_t>(patches->corners[i].y() + row - region.y) *
+                region.width +
+            patches->corners[i].x() + column - region.x;
+        SetDescriptor(&roots[pixel * kNumChannels], i, column, row, patches);
+      }
+    }
+  }
+}
+
+}  // namespace
+
+SiftFeatureSource::SiftFeatureSource(const SiftFeatureOptions& options,
+                                     int patch_size,
+                                     int num_threads,
+                                     const std::string& image_path)
+    : options_(options),
+      patch_size_(patch_size),
+      num_threads_(num_threads),
+      images_(image_path) {}
+
+DenseFeaturePatches SiftFeatureSource::Extract(
+    const DenseFeatureRequest& request) {
+  colmap::Bitmap bitmap;
+  if (!images_.Read(request, /*as_rgb=*/false, &bitmap)) {
+    return NoPatches(request);
+  }
+  const GreyImage image = SmoothedImage(bitmap, options_.smoothing);
+  DenseFeaturePatches patches =
+      PlacePatches(request, patch_size_, kNumChannels, 1.0);
+  const std::vector<Region> regions = GroupPatches(patches);
+  ParallelFor(regions.size(), num_threads_, [&](size_t i) {
+    const FilterPtr filter =
+        ComputeDescriptors(image, regions[i], options_.bin_size);
+    FillPatches(*filter, regions[i], &patches);
+  });
+  return patches;
+}
+
+}  // namespace mfir

@@ -1,0 +1,343 @@
+#include "colmap_ext/frames/frames.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <set>
+
+#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/model_io.h"
+#include "src/sensor/camera_conversion.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+constexpr size_t kMinNumImages = 3;
+
+// Images of the frame by index of their rig camera; the others are reported.
+void MatchImages(const CameraNaming& naming,
+                 const std::map<std::string, size_t>& camera_idxs,
+                 FrameModel* frame,
+                 Capture* capture) {
+  std::vector<colmap::image_t> image_ids = frame->reconstruction->RegImageIds();
+  std::sort(image_ids.begin(), image_ids.end());
+  std::vector<std::string> image_names;
+  for (const colmap::image_t image_id : image_ids) {
+    image_names.push_back(frame->reconstruction->Image(image_id).Name());
+  }
+  const std::vector<std::string> camera_names = naming.Names(image_names);
+  std::map<std::string, std::string> image_of_camera;
+  for (size_t i = 0; i < image_ids.size(); ++i) {
+    const auto it = camera_idxs.find(camera_names[i]);
+    if (it == camera_idxs.end()) {
+      const std::string image_path = frame->name + "/" + image_names[i];
+      capture->images_without_camera.push_back(image_path);
+      capture->image_of_unknown_name.emplace(camera_names[i], image_path);
+      frame->reconstruction->DeRegisterImage(image_ids[i]);
+      continue;
+    }
+    const auto inserted =
+        image_of_camera.emplace(camera_names[i], image_names[i]);
+    if (!inserted.second) {
+      throw InputError(frame->model_path + ": the images '" +
+                       inserted.first->second + "' and '" + image_names[i] +
+                       "' of one frame belong to the same camera '" +
+                       camera_names[i] +
+                       "'. Set --MultiFrame.camera_name_regex to a pattern "
+                       "whose group is the camera's name.");
+    }
+    frame->image_ids[it->second] = image_ids[i];
+  }
+}
+
+// Gives every image a camera of its own, with id = index of the rig camera + 1.
+void SplitCameras(FrameModel* frame) {
+  colmap::Reconstruction& reconstruction = *frame->reconstruction;
+  std::map<colmap::camera_t, colmap::Camera> cameras;
+  for (const auto& idx_and_image : frame->image_ids) {
+    colmap::Camera camera = reconstruction.Camera(
+        reconstruction.Image(idx_and_image.second).CameraId());
+    camera.SetCameraId(static_cast<colmap::camera_t>(idx_and_image.first + 1));
+    cameras.emplace(camera.CameraId(), camera);
+  }
+  for (const auto& idx_and_image : frame->image_ids) {
+    reconstruction.Image(idx_and_image.second)
+        .SetCameraId(static_cast<colmap::camera_t>(idx_and_image.first + 1));
+  }
+  for (const auto& id_and_camera : cameras) {
+    if (reconstruction.ExistsCamera(id_and_camera.first)) {
+      reconstruction.Camera(id_and_camera.first) = id_and_camera.second;
+    } else {
+      reconstruction.AddCamera(id_and_camera.second);
+    }
+  }
+  // Removes the images and cameras that are not used any more.
+  reconstruction.TearDown();
+}
+
+void ConvertCameras(const CameraModel& target, FrameModel* frame) {
+  for (const auto& idx_and_image : frame->image_ids) {
+    colmap::Camera& camera = frame->reconstruction->Camera(
+        static_cast<colmap::camera_t>(idx_and_image.first + 1));
+    const CameraModel& source = *FindCameraModel(camera.ModelId());
+    if (&source == &target) continue;
+    const std::vector<double> params = ConvertCameraParams(
+        source, camera.Params(), camera.Width(), camera.Height(), target);
+    camera.SetModelId(CameraModelId(target));
+    camera.SetParams(params);
+  }
+}
+
+// All images of a physical camera must have the same lens model and size.
+void CheckCameras(const FrameModel& frame,
+                  const std::vector<FrameModel>& previous_frames,
+                  const std::vector<KnownCamera>& known_cameras) {
+  for (const auto& idx_and_image : frame.image_ids) {
+    const KnownCamera& known = known_cameras[idx_and_image.first];
+    const auto camera_id =
+        static_cast<colmap::camera_t>(idx_and_image.first + 1);
+    const colmap::Camera& camera = frame.reconstruction->Camera(camera_id);
+    const std::string what = "Camera '" + known.name + "' of frame '" +
+                             frame.name + "' (" + frame.model_path + ") has ";
+    const std::string size = std::to_string(camera.Width()) + " x " +
+                             std::to_string(camera.Height()) + " pixels";
+    if (known.width > 0 &&
+        (known.width != camera.Width() || known.height != camera.Height())) {
+      throw InputError(what + size + ", but RIG says " +
+                       std::to_string(known.width) + " x " +
+                       std::to_string(known.height) +
+                       ". Is it the RIG of this array and resolution?");
+    }
+    for (const FrameModel& previous : previous_frames) {
+      if (previous.reconstruction == nullptr) continue;
+      if (previous.image_ids.count(idx_and_image.first) == 0) continue;
+      const colmap::Camera& other = previous.reconstruction->Camera(camera_id);
+      if (other.ModelId() != camera.ModelId()) {
+        throw InputError(what + "the camera model " + camera.ModelName() +
+                         ", but " + other.ModelName() + " in frame '" +
+                         previous.name +
+                         "'. Convert all with --MultiFrame.camera_model.");
+      }
+      if (other.Width() != camera.Width() ||
+          other.Height() != camera.Height()) {
+        throw InputError(
+            what + size + ", but " + std::to_string(other.Width()) + " x " +
+            std::to_string(other.Height()) + " in frame '" + previous.name +
+            "'. Leave one of them out with "
+            "--frame_list_path.");
+      }
+      break;
+    }
+  }
+}
+
+// Points of a single image tell nothing.
+void RemoveShortTracks(colmap::Reconstruction* reconstruction) {
+  for (const colmap::point3D_t point_id : reconstruction->Point3DIds()) {
+    if (reconstruction->Point3D(point_id).Track().Length() < 2) {
+      reconstruction->DeletePoint3D(point_id);
+    }
+  }
+}
+
+// In the folder of the frame, in its folder of sparse models, or with the
+// model;
+// "" if there is none.
+std::string FindDatabase(const std::filesystem::path& frame_path,
+                         const std::filesystem::path& model_path) {
+  std::error_code error;
+  for (const std::filesystem::path& folder :
+       {frame_path, frame_path / "sparse", model_path}) {
+    const std::filesystem::path path = folder / "database.db";
+    if (std::filesystem::is_regular_file(path, error)) return path.string();
+  }
+  return "";
+}
+
+FrameModel ReadFrame(const std::string& frames_path,
+                     const std::string& name,
+                     const CameraNaming& naming,
+                     const std::map<std::string, size_t>& camera_idxs,
+                     const CameraModel* target_model,
+                     Capture* capture) {
+  FrameModel frame;
+  frame.name = name;
+  const std::filesystem::path path = std::filesystem::path(frames_path) / name;
+  frame.model_path = FindSparseModel(path.string());
+  if (frame.model_path.empty()) {
+    frame.skip_reason = "it has no sparse model";
+    return frame;
+  }
+  frame.database_path = FindDatabase(path, frame.model_path);
+  frame.reconstruction = std::make_unique<colmap::Reconstruction>();
+  ReadModel(frame.model_path, true, frame.reconstruction.get());
+  RemoveShortTracks(frame.reconstruction.get());
+  MatchImages(naming, camera_idxs, &frame, capture);
+  SplitCameras(&frame);
+  if (target_model != nullptr) {
+    ConvertCameras(*target_model, &frame);
+  }
+  if (frame.image_ids.size() < kMinNumImages) {
+    frame.skip_reason = "only " + std::to_string(frame.image_ids.size()) +
+                        " of its images belong to cameras of the rig, " +
+                        std::to_string(kMinNumImages) + " are needed";
+  } else if (frame.reconstruction->NumPoints3D() == 0) {
+    frame.skip_reason = "it has no points seen by two cameras of the rig";
+  }
+  return frame;
+}
+
+}  // namespace
+
+std::vector<std::string> ListFrames(const std::string& option_name,
+                                    const std::string& frames_path,
+                                    const std::string& frame_list_path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  if (!fs::is_directory(frames_path, error)) {
+    throw InputError(
+        "--" + option_name + " " + frames_path +
+        " is not a folder. Give the folder with one sub-folder per frame.");
+  }
+  std::vector<std::string> names;
+  if (frame_list_path.empty()) {
+    for (const auto& entry : fs::directory_iterator(frames_path)) {
+      if (entry.is_directory()) {
+        names.push_back(entry.path().filename().string());
+      }
+    }
+    if (names.empty()) {
+      throw InputError("--" + option_name + " " + frames_path +
+                       " has no sub-folder. Give the folder with one "
+                       "sub-folder per frame.");
+    }
+  } else {
+    for (const ListEntry& entry :
+         ReadNameList("--frame_list_path", frame_list_path)) {
+      const std::string& name = entry.name;
+      if (name == "." || name == ".." || name.find('/') != std::string::npos) {
+        throw InputError(entry.where + "'" + name +
+                         "' is a path. Give the name of a sub-folder.");
+      }
+      if (!fs::is_directory(fs::path(frames_path) / name, error)) {
+        throw InputError(entry.where + "there is no frame '" + name + "' in " +
+                         frames_path + ".");
+      }
+      names.push_back(name);
+    }
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  return names;
+}
+
+void RemoveCamerasWithoutImages(Capture* capture) {
+  std::set<size_t> used;
+  for (const FrameModel& frame : capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    for (const auto& idx_and_image : frame.image_ids) {
+      used.insert(idx_and_image.first);
+    }
+  }
+  std::vector<KnownCamera> cameras;
+  std::map<size_t, size_t> new_idxs;
+  for (size_t i = 0; i < capture->cameras.size(); ++i) {
+    if (used.count(i) > 0) {
+      new_idxs[i] = cameras.size();
+      cameras.push_back(capture->cameras[i]);
+    } else {
+      capture->cameras_without_images.push_back(capture->cameras[i].name);
+    }
+  }
+  if (cameras.size() == capture->cameras.size()) return;
+  capture->cameras = std::move(cameras);
+  for (FrameModel& frame : capture->frames) {
+    if (!frame.skip_reason.empty()) continue;
+    std::map<size_t, colmap::image_t> image_ids;
+    for (const auto& idx_and_image : frame.image_ids) {
+      image_ids[new_idxs.at(idx_and_image.first)] = idx_and_image.second;
+    }
+    frame.image_ids = std::move(image_ids);
+    // Camera ids follow the indices.
+    SplitCameras(&frame);
+  }
+}
+
+size_t Capture::NumUsedFrames() const {
+  return std::count_if(
+      frames.begin(), frames.end(), [](const FrameModel& frame) {
+        return frame.skip_reason.empty();
+      });
+}
+
+Capture ReadCapture(const std::string& frames_path,
+                    const std::string& frame_list_path,
+                    const Rig& rig,
+                    const MultiFrameOptions& options) {
+  const CameraModel* target_model = nullptr;
+  if (!options.camera_model.empty()) {
+    target_model = FindCameraModel(options.camera_model);
+    if (target_model == nullptr) {
+      throw UsageError("--MultiFrame.camera_model '" + options.camera_model +
+                       "' is not a camera model of COLMAP.");
+    }
+  }
+
+  Capture capture;
+  capture.cameras = rig.cameras;
+  std::sort(capture.cameras.begin(),
+            capture.cameras.end(),
+            [](const KnownCamera& a, const KnownCamera& b) {
+              return CameraNameLess(a.name, b.name);
+            });
+  std::map<std::string, size_t> camera_idxs;
+  for (size_t i = 0; i < capture.cameras.size(); ++i) {
+    camera_idxs[capture.cameras[i].name] = i;
+  }
+
+  const CameraNaming naming(options.camera_name_regex);
+  const std::vector<std::string> names =
+      ListFrames("input_path", frames_path, frame_list_path);
+  bool any_match = false;
+  for (size_t i = 0; i < names.size(); ++i) {
+    FrameModel frame = ReadFrame(
+        frames_path, names[i], naming, camera_idxs, target_model, &capture);
+    any_match = any_match || !frame.image_ids.empty();
+    if (frame.reconstruction != nullptr) {
+      CheckCameras(frame, capture.frames, capture.cameras);
+    }
+    if (!options.quiet) {
+      std::cout << colmap::StringPrintf(
+          "Frame %zu / %zu '%s': ", i + 1, names.size(), frame.name.c_str());
+      if (frame.skip_reason.empty()) {
+        std::cout << frame.image_ids.size() << " images, "
+                  << frame.reconstruction->NumPoints3D() << " points"
+                  << std::endl;
+      } else {
+        std::cout << "skipped: " << frame.skip_reason << std::endl;
+      }
+    }
+    if (!frame.skip_reason.empty()) {
+      frame.reconstruction.reset();
+    }
+    capture.frames.push_back(std::move(frame));
+  }
+  if (!any_match && !capture.images_without_camera.empty()) {
+    throw InputError(
+        "No image of any frame belongs to a camera of RIG: image '" +
+        capture.images_without_camera.front() + "', camera '" +
+        capture.cameras.front().name +
+        "'. Is it the RIG of this array? Otherwise set "
+        "--MultiFrame.camera_name_regex so that both give the same names.");
+  }
+  if (capture.NumUsedFrames() == 0) {
+    throw InputError("No frame in " + frames_path + " is usable; the first, '" +
+                     capture.frames.front().name + "', is not because " +
+                     capture.frames.front().skip_reason + ".");
+  }
+  RemoveCamerasWithoutImages(&capture);
+  return capture;
+}
+
+}  // namespace mfir

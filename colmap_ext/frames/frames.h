@@ -1,0 +1,100 @@
+// The frames of a capture as COLMAP reconstructions, restricted to the cameras
+// of the rig.
+
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "colmap_ext/host/compat.h"
+#include "colmap_ext/rigs/rig_io.h"
+#include "src/refinement/options.h"
+#include "src/scene/scene.h"
+#include "src/sensor/unmatched_names.h"
+
+namespace mfir {
+
+struct FrameModel {
+  std::string name;
+  std::string model_path;
+  // COLMAP database with the keypoints and matches; empty: there is none.
+  std::string database_path;
+  // Why the frame takes no part; empty: it does.
+  std::string skip_reason;
+  // Images of rig cameras only. Every image has a camera of its own, whose id
+  // is the rig camera's index + 1.
+  std::unique_ptr<colmap::Reconstruction> reconstruction;
+  std::map<size_t, colmap::image_t> image_ids;  // by index of the rig camera
+  // After AlignFrames: RMS distance of the inliers' camera centres from the
+  // known ones, in units of the rig.
+  double alignment_rms = 0.0;
+};
+
+struct Capture {
+  // The cameras of RIG, in the order of their names, that have images.
+  std::vector<KnownCamera> cameras;
+  std::vector<FrameModel> frames;  // in the order of their names
+  // Left out, for the report.
+  std::vector<std::string> cameras_without_images;
+  std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
+  ImageOfName image_of_unknown_name;               // of the latter
+
+  // Cameras whose extrinsics in RIG contradict the frames, and why.
+  std::map<std::string, std::string> contradicting_cameras;
+
+  size_t NumUsedFrames() const;
+};
+
+// Names of the frames in `frames_path`, the value of the option `option_name`,
+// sorted: its sub-folders, or those that `frame_list_path` (if not empty)
+// names, one per line. Throws InputError when there is none or one of the list
+// does not exist.
+std::vector<std::string> ListFrames(const std::string& option_name,
+                                    const std::string& frames_path,
+                                    const std::string& frame_list_path);
+
+// Reads all frames in `frames_path` (those of `frame_list_path`, one name per
+// line, if not empty), matches their images with the cameras of `rig`, and
+// converts cameras to options.camera_model if set. Frames without a model, with
+// fewer than three cameras of the rig, or without points are skipped with a
+// reason. Throws InputError: no frames, a frame of the list that does not
+// exist, unreadable models, two images of a frame with the same camera, camera
+// models or image sizes of a camera that differ between frames or from RIG, no
+// image of any camera of the rig, no usable frame.
+Capture ReadCapture(const std::string& frames_path,
+                    const std::string& frame_list_path,
+                    const Rig& rig,
+                    const MultiFrameOptions& options);
+
+// Drops cameras that no used frame has from the capture and renumbers the
+// others.
+void RemoveCamerasWithoutImages(Capture* capture);
+
+// Moves each frame robustly (AlignPoses) into the coordinates `new_from_rig`
+// away from the rig's. Skips frames that do not align; throws InputError if
+// none does, or if most fit the rig far better in another convention of poses.
+void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
+
+// Ids of all points, ascending: the order of Frame::points.
+std::vector<colmap::point3D_t> SortedPointIds(
+    const colmap::Reconstruction& reconstruction);
+
+// Arrays of the used frames, with the rig's known extrinsics in the
+// coordinates `new_from_rig`. Ordered by camera, image and point id, so that
+// the order on disk does not matter. Intrinsics of the rig's cameras are not
+// set.
+Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture);
+
+// Makes the reconstructions of the used frames the refined ones, in the rig's
+// coordinates: points of the scene, extrinsics and intrinsics of `cameras`, or
+// the frame's own intrinsics where `single_frame_mode`. Point errors are the
+// mean reprojection errors (px), as in COLMAP.
+void UpdateReconstructions(const Similarity3& new_from_rig,
+                           const Scene& scene,
+                           const std::vector<KnownCamera>& cameras,
+                           bool single_frame_mode,
+                           Capture* capture);
+
+}  // namespace mfir

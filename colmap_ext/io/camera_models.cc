@@ -1,0 +1,111 @@
+#include "colmap_ext/io/camera_models.h"
+
+#include <map>
+#include <memory>
+
+#include <ceres/jet.h>
+
+#include "colmap_ext/host/compat.h"
+
+namespace mfir {
+namespace {
+
+// COLMAP's static, templated functions as virtual ones. Derivatives are those
+// of ceres::Jet over the ray and the parameters only (2 + kNumParams), much
+// cheaper than differentiating pose and point as well.
+template <typename ColmapModel>
+class ColmapCameraModel final : public CameraModel {
+ public:
+  const std::string& Name() const override { return ColmapModel::model_name; }
+  size_t NumParams() const override { return ColmapModel::kNumParams; }
+  const std::vector<size_t>& FocalLengthIdxs() const override {
+    return ColmapModel::focal_length_idxs;
+  }
+  const std::vector<size_t>& PrincipalPointIdxs() const override {
+    return ColmapModel::principal_point_idxs;
+  }
+  const std::vector<size_t>& ExtraParamsIdxs() const override {
+    return ColmapModel::extra_params_idxs;
+  }
+
+  void Project(const double* params,
+               double u,
+               double v,
+               double* xy) const override {
+    ColmapModel::WorldToImage(params, u, v, &xy[0], &xy[1]);
+  }
+
+  void ProjectWithJacobian(const double* params,
+                           double u,
+                           double v,
+                           double* xy,
+                           double* jacobian_uv,
+                           double* jacobian_params) const override {
+    constexpr int kNumParams = ColmapModel::kNumParams;
+    using Jet = ceres::Jet<double, 2 + kNumParams>;
+    Jet jet_params[kNumParams];
+    for (int i = 0; i < kNumParams; ++i) {
+      jet_params[i] = Jet(params[i], 2 + i);
+    }
+    Jet jet_xy[2];
+    ColmapModel::WorldToImage(
+        jet_params, Jet(u, 0), Jet(v, 1), &jet_xy[0], &jet_xy[1]);
+    for (int row = 0; row < 2; ++row) {
+      xy[row] = jet_xy[row].a;
+      jacobian_uv[2 * row] = jet_xy[row].v[0];
+      jacobian_uv[2 * row + 1] = jet_xy[row].v[1];
+      for (int i = 0; i < kNumParams; ++i) {
+        jacobian_params[row * kNumParams + i] = jet_xy[row].v[2 + i];
+      }
+    }
+  }
+
+  void Unproject(const double* params,
+                 double x,
+                 double y,
+                 double* uv) const override {
+    ColmapModel::ImageToWorld(params, x, y, &uv[0], &uv[1]);
+  }
+};
+
+// By COLMAP's model identifier.
+const std::map<int, std::unique_ptr<CameraModel>>& Models() {
+  static const auto& models = *[] {
+    auto* models = new std::map<int, std::unique_ptr<CameraModel>>();
+#define CAMERA_MODEL_CASE(Model)   \
+  models->emplace(Model::kModelId, \
+                  std::make_unique<ColmapCameraModel<Model>>());
+    using namespace colmap;  // NOLINT: the list of cases is COLMAP's
+    CAMERA_MODEL_CASES
+#undef CAMERA_MODEL_CASE
+    return models;
+  }();
+  return models;
+}
+
+}  // namespace
+
+const CameraModel* FindCameraModel(int model_id) {
+  const auto it = Models().find(model_id);
+  return it == Models().end() ? nullptr : it->second.get();
+}
+
+const CameraModel* FindCameraModel(const std::string& model_name) {
+  return colmap::ExistsCameraModelWithName(model_name)
+             ? FindCameraModel(colmap::CameraModelNameToId(model_name))
+             : nullptr;
+}
+
+int CameraModelId(const CameraModel& model) {
+  return colmap::CameraModelNameToId(model.Name());
+}
+
+std::vector<const CameraModel*> AllCameraModels() {
+  std::vector<const CameraModel*> models;
+  for (const auto& id_and_model : Models()) {
+    models.push_back(id_and_model.second.get());
+  }
+  return models;
+}
+
+}  // namespace mfir

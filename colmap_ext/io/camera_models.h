@@ -1,0 +1,24 @@
+// COLMAP's camera models behind the refiner's CameraModel interface.
+
+#pragma once
+
+#include <string>
+
+#include "src/sensor/camera_model.h"
+
+namespace mfir {
+
+// The model with COLMAP's identifier, nullptr if there is none. The object
+// lives as long as the program.
+const CameraModel* FindCameraModel(int model_id);
+
+// The model with COLMAP's name (e.g. "OPENCV"), nullptr if there is none.
+const CameraModel* FindCameraModel(const std::string& model_name);
+
+// COLMAP's identifier of a model.
+int CameraModelId(const CameraModel& model);
+
+// All models of this COLMAP version, by ascending identifier.
+std::vector<const CameraModel*> AllCameraModels();
+
+}  // namespace mfir

@@ -1,0 +1,216 @@
+#include "colmap_ext/io/model_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <unordered_set>
+#include <vector>
+
+#include "colmap_ext/host/compat.h"
+#include "colmap_ext/io/camera_models.h"
+#include "src/util/errors.h"
+#include "src/util/parse_number.h"
+
+namespace mfir {
+namespace {
+
+// Beyond these, numbers are no coordinates but damage.
+constexpr double kMaxCoordinatePx = 1e7;
+
+const size_t kMaxImageSize = 1000000;  // pixels per side
+
+[[noreturn]] void Fail(const std::string& path,
+                       const std::string& entry,
+                       const std::string& what) {
+  throw InputError(path + ": " + entry + ": " + what +
+                   ". Correct the file, or export the model again.");
+}
+
+std::string ImageEntry(const colmap::Image& image) {
+  return "image " + std::to_string(image.ImageId()) + " (" + image.Name() + ")";
+}
+
+void CheckCamera(const std::string& path, const colmap::Camera& camera) {
+  const std::string entry = "camera " + std::to_string(camera.CameraId());
+  for (const size_t size : {camera.Width(), camera.Height()}) {
+    if (size == 0 || size > kMaxImageSize) {
+      Fail(path,
+           entry,
+           "image size " + std::to_string(camera.Width()) + " x " +
+               std::to_string(camera.Height()) + " is not between 1 and " +
+               std::to_string(kMaxImageSize) + " pixels");
+    }
+  }
+  const std::string problem =
+      IntrinsicsProblem(*FindCameraModel(camera.ModelId()), camera.Params());
+  if (!problem.empty()) Fail(path, entry, problem);
+}
+
+void CheckImage(const std::string& path, const colmap::Image& image) {
+  const Rigid3 cam_from_world = CamFromWorld(image);
+  if (!(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
+    Fail(path, ImageEntry(image), "the rotation is not finite");
+  }
+  const std::string problem = CoordinateProblem(cam_from_world.translation);
+  if (!problem.empty()) {
+    Fail(path, ImageEntry(image), "the translation " + problem);
+  }
+  if (std::any_of(image.Name().begin(), image.Name().end(), [](char c) {
+        return c == '\n' || c == '\r' || c == '\t';
+      })) {
+    Fail(path, ImageEntry(image), "line breaks or tabs in the image name");
+  }
+  size_t point2D_idx = 0;
+  for (const colmap::Point2D& point2D : image.Points2D()) {
+    if (!point2D.XY().allFinite() ||
+        point2D.XY().cwiseAbs().maxCoeff() > kMaxCoordinatePx) {
+      Fail(path,
+           ImageEntry(image),
+           "observation " + std::to_string(point2D_idx) +
+               " is not finite or absurdly far from the image");
+    }
+    ++point2D_idx;
+  }
+}
+
+void CheckImages(const std::string& path,
+                 const colmap::Reconstruction& reconstruction) {
+  std::unordered_set<std::string> names;
+  for (const auto& [image_id, image] : reconstruction.Images()) {
+    CheckImage(path, image);
+    if (!names.insert(image.Name()).second) {
+      Fail(path, ImageEntry(image), "another image has the same name");
+    }
+  }
+}
+
+// `elements` is scratch memory.
+void CheckTrack(const std::string& path,
+                colmap::point3D_t point3D_id,
+                const colmap::Track& track,
+                const colmap::Reconstruction& reconstruction,
+                std::vector<uint64_t>* elements) {
+  const auto fail = [&](const std::string& what) {
+    Fail(path, "point " + std::to_string(point3D_id), what);
+  };
+  const auto observation = [](const colmap::TrackElement& element,
+                              const colmap::Image& image) {
+    return "observation " + std::to_string(element.point2D_idx) + " of " +
+           ImageEntry(image);
+  };
+  elements->clear();
+  for (const colmap::TrackElement& element : track.Elements()) {
+    const auto it = reconstruction.Images().find(element.image_id);
+    if (it == reconstruction.Images().end()) {
+      fail("its track names the unknown image " +
+           std::to_string(element.image_id));
+    }
+    const colmap::Image& image = it->second;
+    if (element.point2D_idx >= image.NumPoints2D()) {
+      fail("its track names " + observation(element, image) +
+           ", which has only " + std::to_string(image.NumPoints2D()));
+    }
+    if (image.Point2D(element.point2D_idx).Point3DId() != point3D_id) {
+      fail("its track names " + observation(element, image) +
+           ", which is of another point");
+    }
+    elements->push_back(uint64_t(element.image_id) << 32 | element.point2D_idx);
+  }
+  std::sort(elements->begin(), elements->end());
+  if (std::adjacent_find(elements->begin(), elements->end()) !=
+      elements->end()) {
+    fail("its track names an observation twice");
+  }
+}
+
+[[noreturn]] void FailForObservationsWithoutTrack(
+    const ModelFiles& files, const colmap::Reconstruction& reconstruction) {
+  for (const auto& [image_id, image] : reconstruction.Images()) {
+    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+      const colmap::Point2D& point2D = image.Point2D(i);
+      if (point2D.HasPoint3D() &&
+          !reconstruction.ExistsPoint3D(point2D.Point3DId())) {
+        Fail(files.images,
+             ImageEntry(image),
+             "observation " + std::to_string(i) + " is of the unknown point " +
+                 std::to_string(point2D.Point3DId()));
+      }
+    }
+  }
+  Fail(files.images,
+       "observations",
+       "some are of points in " + files.points3D +
+           " whose tracks do not name them: the files are not of one model");
+}
+
+void CheckPoints3D(const ModelFiles& files,
+                   const colmap::Reconstruction& reconstruction) {
+  size_t num_track_elements = 0;
+  std::vector<uint64_t> elements;
+  for (const auto& [point3D_id, point3D] : reconstruction.Points3D()) {
+    const std::string problem = CoordinateProblem(point3D.XYZ());
+    if (!problem.empty()) {
+      Fail(files.points3D,
+           "point " + std::to_string(point3D_id),
+           "the position " + problem);
+    }
+    CheckTrack(
+        files.points3D, point3D_id, point3D.Track(), reconstruction, &elements);
+    num_track_elements += point3D.Track().Length();
+  }
+  // Every track element has an observation of its own, so the counts differ
+  // only if an observation is in no track.
+  size_t num_observations = 0;
+  for (const auto& [image_id, image] : reconstruction.Images()) {
+    num_observations += image.NumPoints3D();
+  }
+  if (num_observations != num_track_elements) {
+    FailForObservationsWithoutTrack(files, reconstruction);
+  }
+}
+
+}  // namespace
+
+std::string CoordinateProblem(const Eigen::Vector3d& coordinates) {
+  constexpr double kMaxCoordinate = 1e15;  // world units
+  for (const double value : coordinates) {
+    if (!(std::abs(value) <= kMaxCoordinate)) {
+      return "has the coordinate " + FormatNumber(value) +
+             ", which is not between -1e15 and 1e15";
+    }
+  }
+  return "";
+}
+
+std::string IntrinsicsProblem(const CameraModel& model,
+                              const std::vector<double>& params) {
+  for (size_t i = 0; i < params.size(); ++i) {
+    if (!std::isfinite(params[i])) {
+      return "parameter " + std::to_string(i + 1) + " is not finite";
+    }
+  }
+  for (const size_t idx : model.FocalLengthIdxs()) {
+    if (!(params[idx] > 0.0 && params[idx] <= kMaxCoordinatePx)) {
+      return "focal length " + FormatNumber(params[idx]) +
+             (params[idx] > 0.0 ? " is above 1e7 px" : " is not positive");
+    }
+  }
+  for (const size_t idx : model.PrincipalPointIdxs()) {
+    if (std::abs(params[idx]) > kMaxCoordinatePx) {
+      return "principal point coordinate " + FormatNumber(params[idx]) +
+             " is not between -1e7 and 1e7 px";
+    }
+  }
+  return "";
+}
+
+void CheckModelValues(const ModelFiles& files,
+                      const colmap::Reconstruction& reconstruction) {
+  for (const auto& [camera_id, camera] : reconstruction.Cameras()) {
+    CheckCamera(files.cameras, camera);
+  }
+  CheckImages(files.images, reconstruction);
+  CheckPoints3D(files, reconstruction);
+}
+
+}  // namespace mfir

@@ -1,0 +1,308 @@
+#include "colmap_ext/io/model_io.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <new>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "colmap_ext/host/compat.h"
+#include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/model_check.h"
+#include "src/sensor/camera_naming.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsFile(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+bool IsFolder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
+// The files in `path`, binary before text. If `require_points`, points3D must
+// be among them.
+std::optional<ModelFiles> FindModelFiles(const fs::path& path,
+                                         bool require_points) {
+  for (const bool is_binary : {true, false}) {
+    const std::string extension = is_binary ? ".bin" : ".txt";
+    const fs::path cameras = path / ("cameras" + extension);
+    const fs::path images = path / ("images" + extension);
+    const fs::path points3D = path / ("points3D" + extension);
+    const bool has_points = IsFile(points3D);
+    if (IsFile(cameras) && IsFile(images) && (has_points || !require_points)) {
+      return ModelFiles{is_binary,
+                        cameras.string(),
+                        images.string(),
+                        has_points ? points3D.string() : ""};
+    }
+  }
+  return std::nullopt;
+}
+
+ModelFiles LocateModelFiles(const std::string& path, bool require_points) {
+  // As COLMAP, text with points before binary without.
+  std::optional<ModelFiles> files = FindModelFiles(path, true);
+  if (!files && !require_points) {
+    files = FindModelFiles(path, false);
+  }
+  if (!files) {
+    if (!IsFolder(path)) {
+      throw InputError(path +
+                       ": there is no such folder. Give the folder of a "
+                       "COLMAP model.");
+    }
+    throw InputError(path +
+                     ": no COLMAP model in this folder. It must have "
+                     "cameras and images" +
+                     (require_points ? " and points3D" : "") +
+                     ", all as .bin or all as .txt files.");
+  }
+  return *files;
+}
+
+size_t CheckModelFiles(const ModelFiles& files) {
+  return files.is_binary ? CheckBinaryModel(files) : CheckTextModel(files);
+}
+
+// Whether COLMAP's reader can take the files as they are. It reads nothing
+// without points3D, and takes a byte order mark for a part of the first line.
+bool IsReadable(const ModelFiles& files) {
+  if (files.points3D.empty()) return false;
+  return files.is_binary ||
+         (!HasByteOrderMark(files.cameras) && !HasByteOrderMark(files.images) &&
+          !HasByteOrderMark(files.points3D));
+}
+
+// A private folder with the same model such that COLMAP can read it. Removed
+// with the object.
+class ReadableModel {
+ public:
+  explicit ReadableModel(const ModelFiles& files) {
+    try {
+      std::string path =
+          (fs::temp_directory_path() / "colmap_model_XXXXXX").string();
+      if (mkdtemp(path.data()) == nullptr) {
+        throw std::system_error(errno, std::generic_category(), path);
+      }
+      path_ = path;
+      for (const std::string& file :
+           {files.cameras, files.images, files.points3D}) {
+        if (!file.empty()) AddFile(file, files.is_binary);
+      }
+      if (files.points3D.empty()) AddEmptyPoints(files.is_binary);
+    } catch (const std::system_error& error) {
+      Remove();
+      throw OutputError(std::string("cannot make a temporary folder: ") +
+                        error.what() +
+                        ". Set TMPDIR to a folder that is writable.");
+    }
+  }
+  ~ReadableModel() { Remove(); }
+  ReadableModel(const ReadableModel&) = delete;
+  ReadableModel& operator=(const ReadableModel&) = delete;
+
+  std::string Path() const { return path_.string(); }
+
+ private:
+  void AddFile(const fs::path& file, bool is_binary) const {
+    const fs::path copy = path_ / file.filename();
+    if (is_binary || !HasByteOrderMark(file.string())) {
+      fs::create_symlink(fs::absolute(file), copy);
+    } else {
+      Write(copy, ReadTextFile(file.string()));
+    }
+  }
+
+  void AddEmptyPoints(bool is_binary) const {
+    const std::string num_points3D(sizeof(uint64_t), '\0');
+    Write(path_ / (is_binary ? "points3D.bin" : "points3D.txt"),
+          is_binary ? num_points3D : "");
+  }
+
+  static void Write(const fs::path& path, const std::string& content) {
+    std::ofstream file(path, std::ios::binary);
+    file << content;
+    file.close();
+    if (!file) {
+      throw std::system_error(errno, std::generic_category(), path.string());
+    }
+  }
+
+  void Remove() {
+    if (!path_.empty()) {
+      std::error_code error;
+      fs::remove_all(path_, error);
+    }
+  }
+
+  fs::path path_;
+};
+
+void ReadWithColmap(const std::string& path,
+                    const ModelFiles& files,
+                    colmap::Reconstruction* reconstruction) {
+  const auto read = [&](const std::string& folder) {
+    if (files.is_binary) {
+      reconstruction->ReadBinary(folder);
+    } else {
+      reconstruction->ReadText(folder);
+    }
+  };
+  try {
+    if (IsReadable(files)) {
+      read(path);
+    } else {
+      read(ReadableModel(files).Path());
+    }
+  } catch (const Error&) {
+    throw;
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw InputError(path + ": COLMAP cannot read this model (" + error.what() +
+                     "). Export it again.");
+  }
+}
+
+// A model without points may have observations of the points that it had.
+void ForgetPoints(colmap::Reconstruction* reconstruction) {
+  for (const auto& id_and_image : reconstruction->Images()) {
+    colmap::Image& image = reconstruction->Image(id_and_image.first);
+    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+      image.ResetPoint3DForPoint2D(i);
+    }
+  }
+}
+
+bool EndsWithLineBreak(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary | std::ios::ate);
+  return file && file.tellg() > 0 && file.seekg(-1, std::ios::end) &&
+         file.get() == '\n';
+}
+
+// Sub-folders of `path` whose names are numbers, in the order of the numbers.
+std::vector<fs::path> NumberedFolders(const fs::path& path) {
+  std::vector<std::string> names;
+  std::error_code error;
+  for (fs::directory_iterator it(path, error), end; !error && it != end;
+       it.increment(error)) {
+    const std::string name = it->path().filename().string();
+    if (name.find_first_not_of("0123456789") == std::string::npos &&
+        IsFolder(it->path())) {
+      names.push_back(name);
+    }
+  }
+  std::sort(names.begin(), names.end(), CameraNameLess);
+  std::vector<fs::path> folders;
+  for (const std::string& name : names) {
+    folders.push_back(path / name);
+  }
+  return folders;
+}
+
+}  // namespace
+
+bool IsModelFolder(const std::string& path) {
+  return FindModelFiles(path, /*require_points=*/false).has_value();
+}
+
+std::string FindSparseModel(const std::string& frame_path) {
+  const fs::path frame = frame_path;
+  std::vector<fs::path> folders = {frame,
+                                   frame / "sparse" / "0",
+                                   frame / "0",
+                                   frame / "sparse",
+                                   frame / "refined"};
+  for (const fs::path& parent : {frame / "sparse", frame}) {
+    for (const fs::path& folder : NumberedFolders(parent)) {
+      if (folder.filename() != "0") {
+        folders.push_back(folder);
+      }
+    }
+  }
+  folders.erase(std::remove_if(folders.begin(),
+                               folders.end(),
+                               [](const fs::path& folder) {
+                                 return !IsModelFolder(folder.string());
+                               }),
+                folders.end());
+  if (folders.size() <= 1) {
+    return folders.empty() ? "" : folders[0].string();
+  }
+
+  std::string best_folder;
+  size_t max_num_images = 0;
+  for (const fs::path& folder : folders) {
+    ModelFiles files =
+        LocateModelFiles(folder.string(), /*require_points=*/false);
+    files.points3D.clear();  // only images count here
+    const size_t num_images = CheckModelFiles(files);
+    if (best_folder.empty() || num_images > max_num_images) {
+      best_folder = folder.string();
+      max_num_images = num_images;
+    }
+  }
+  return best_folder;
+}
+
+void ReadModel(const std::string& path,
+               bool require_points,
+               colmap::Reconstruction* reconstruction) {
+  const ModelFiles files = LocateModelFiles(path, require_points);
+  CheckModelFiles(files);
+  colmap::Reconstruction model;
+  ReadWithColmap(path, files, &model);
+  if (!require_points && model.NumPoints3D() == 0) {
+    ForgetPoints(&model);
+  }
+  CheckModelValues(files, model);
+  *reconstruction = std::move(model);
+}
+
+void WriteModel(const std::string& path,
+                bool with_text,
+                const colmap::Reconstruction& reconstruction) {
+  const fs::path folder = path;
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    throw OutputError(path + ": cannot make the folder: " + error.message() +
+                      ".");
+  }
+  reconstruction.WriteBinary(path);
+  if (with_text) {
+    reconstruction.WriteText(path);
+  }
+  try {
+    CheckBinaryModel({true,
+                      (folder / "cameras.bin").string(),
+                      (folder / "images.bin").string(),
+                      (folder / "points3D.bin").string()});
+  } catch (const InputError& error) {
+    throw OutputError("The model just written to " + path +
+                      " is not complete: " + error.what() +
+                      " Is the disk full?");
+  }
+  if (with_text && !EndsWithLineBreak(folder / "images.txt")) {
+    throw OutputError("The model just written to " + path +
+                      " is not complete. Is the disk full?");
+  }
+}
+
+}  // namespace mfir

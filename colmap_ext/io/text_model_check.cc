@@ -1,0 +1,142 @@
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <unordered_set>
+
+#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/model_check.h"
+#include "colmap_ext/io/text_file.h"
+
+namespace mfir {
+namespace {
+
+using Ids = std::unordered_set<uint64_t>;
+
+// Reads an identifier; the largest one of its type means "none" to COLMAP.
+template <typename T>
+T ReadId(TextFile* file, const char* field) {
+  const T id = file->Number<T>(field);
+  if (id == std::numeric_limits<T>::max() || id < T(0)) {
+    file->Fail(std::string(field) + " " + std::to_string(id) + " is invalid");
+  }
+  return id;
+}
+
+template <typename T>
+void ReadNewId(TextFile* file, const char* field, Ids* ids) {
+  const T id = ReadId<T>(file, field);
+  if (!ids->insert(id).second) {
+    file->Fail(std::string(field) + " " + std::to_string(id) +
+               " occurs for the second time");
+  }
+}
+
+TextFile OpenModelFile(const std::string& path) {
+  return TextFile(path, ReadTextFile(path), TextFile::Spacing::kOneSpace);
+}
+
+Ids CheckCameras(const std::string& path) {
+  TextFile file = OpenModelFile(path);
+  Ids ids;
+  while (file.NextContentLine()) {
+    ReadNewId<uint32_t>(&file, "CAMERA_ID", &ids);
+    const std::string model_name(file.Token("MODEL"));
+    const CameraModel* model = FindCameraModel(model_name);
+    if (model == nullptr) {
+      file.Fail("unknown camera model '" + model_name + "'");
+    }
+    file.Number<uint32_t>("WIDTH");
+    file.Number<uint32_t>("HEIGHT");
+    for (size_t i = 0; i < model->NumParams(); ++i) {
+      file.FiniteNumber("PARAMS");
+    }
+    file.RequireLineEnd(("the " + std::to_string(model->NumParams()) +
+                         " parameters of " + model_name)
+                            .c_str());
+  }
+  return ids;
+}
+
+void CheckImageLine(TextFile* file, const Ids& camera_ids, Ids* image_ids) {
+  ReadNewId<uint32_t>(file, "IMAGE_ID", image_ids);
+  double squared_norm = 0.0;
+  for (const char* field : {"QW", "QX", "QY", "QZ"}) {
+    const double q = file->FiniteNumber(field);
+    squared_norm += q * q;
+  }
+  if (squared_norm == 0.0) {
+    file->Fail("the rotation quaternion QW QX QY QZ is zero");
+  }
+  for (const char* field : {"TX", "TY", "TZ"}) {
+    file->FiniteNumber(field);
+  }
+  const uint32_t camera_id = file->Number<uint32_t>("CAMERA_ID");
+  if (camera_ids.count(camera_id) == 0) {
+    file->Fail("cameras.txt has no camera " + std::to_string(camera_id));
+  }
+  file->Token("NAME");
+  file->RequireLineEnd(
+      "NAME (the text format cannot hold names with spaces: convert the model "
+      "to binary)");
+}
+
+void CheckObservationLine(TextFile* file) {
+  while (!file->AtLineEnd()) {
+    file->FiniteNumber("X of POINTS2D (the second line of an image)");
+    file->FiniteNumber("Y of POINTS2D");
+    const int64_t point3D_id = file->Number<int64_t>("POINT3D_ID");
+    if (point3D_id < -1) {
+      file->Fail("POINT3D_ID " + std::to_string(point3D_id) +
+                 " is neither an id nor -1");
+    }
+  }
+}
+
+size_t CheckImages(const std::string& path, const Ids& camera_ids) {
+  TextFile file = OpenModelFile(path);
+  Ids ids;
+  while (file.NextContentLine()) {
+    CheckImageLine(&file, camera_ids, &ids);
+    if (!file.NextLine()) {
+      file.Fail(
+          "the second line of the last image is missing; end the file with an "
+          "empty line if the image has no observations");
+    }
+    CheckObservationLine(&file);
+  }
+  return ids.size();
+}
+
+void CheckPoints3D(const std::string& path) {
+  TextFile file = OpenModelFile(path);
+  Ids ids;
+  while (file.NextContentLine()) {
+    ReadNewId<int64_t>(&file, "POINT3D_ID", &ids);
+    for (const char* field : {"X", "Y", "Z"}) {
+      file.FiniteNumber(field);
+    }
+    for (const char* field : {"R", "G", "B"}) {
+      file.Number<uint8_t>(field);
+    }
+    // Unused by everyone, and not finite in some exporters' files.
+    file.Number<double>("ERROR");
+    while (!file.AtLineEnd()) {
+      ReadId<uint32_t>(&file, "IMAGE_ID of TRACK");
+      ReadId<uint32_t>(&file, "POINT2D_IDX of TRACK");
+    }
+  }
+}
+
+}  // namespace
+
+size_t CheckTextModel(const ModelFiles& files) {
+  const Ids camera_ids = CheckCameras(files.cameras);
+  const size_t num_images = CheckImages(files.images, camera_ids);
+  if (!files.points3D.empty()) {
+    CheckPoints3D(files.points3D);
+  }
+  return num_images;
+}
+
+}  // namespace mfir

@@ -1,0 +1,272 @@
+#include "colmap_ext/options/triangulator_options.h"
+
+#include <cmath>
+#include <sstream>
+
+#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/rigs/rig_io.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+void CheckRange(const char* name, double value, double min, double max) {
+  // Also false for NaN.
+  if (value >= min && value <= max) return;
+  std::ostringstream message;
+  message << "--" << name << " must lie between " << min << " and " << max
+          << ", but is " << value << ".";
+  throw UsageError(message.str());
+}
+
+void CheckFormat(const std::string& name, const std::string& format) {
+  for (const char* known : {"auto", "colmap", "krt", "opencv"}) {
+    if (format == known) return;
+  }
+  throw UsageError("--" + name + " " + format +
+                   ": must be auto, colmap, krt or opencv.");
+}
+
+void AddSiftExtractionOptions(colmap::SiftExtractionOptions* sift,
+                              OptionParser* parser) {
+  const auto add = [parser](const std::string& name, auto* value) {
+    parser->Add("SiftExtraction." + name, value, "as in COLMAP");
+  };
+  add("num_threads", &sift->num_threads);
+  add("use_gpu", &sift->use_gpu);
+  add("gpu_index", &sift->gpu_index);
+  add("max_image_size", &sift->max_image_size);
+  add("max_num_features", &sift->max_num_features);
+  add("first_octave", &sift->first_octave);
+  add("num_octaves", &sift->num_octaves);
+  add("octave_resolution", &sift->octave_resolution);
+  add("peak_threshold", &sift->peak_threshold);
+  add("edge_threshold", &sift->edge_threshold);
+  add("estimate_affine_shape", &sift->estimate_affine_shape);
+  add("max_num_orientations", &sift->max_num_orientations);
+  add("upright", &sift->upright);
+  add("domain_size_pooling", &sift->domain_size_pooling);
+  add("dsp_min_scale", &sift->dsp_min_scale);
+  add("dsp_max_scale", &sift->dsp_max_scale);
+  add("dsp_num_scales", &sift->dsp_num_scales);
+}
+
+void AddSiftMatchingOptions(colmap::SiftMatchingOptions* sift,
+                            OptionParser* parser) {
+  const auto add = [parser](const std::string& name, auto* value) {
+    parser->Add("SiftMatching." + name, value, "as in COLMAP");
+  };
+  add("num_threads", &sift->num_threads);
+  add("use_gpu", &sift->use_gpu);
+  add("gpu_index", &sift->gpu_index);
+  add("max_num_matches", &sift->max_num_matches);
+}
+
+// Of matching again along epipolar lines, which is part of the verification.
+void AddVerificationOptions(colmap::SiftMatchingOptions* sift,
+                            OptionParser* parser) {
+  const auto add = [parser](const std::string& name,
+                            auto* value,
+                            const std::string& help = "as in COLMAP") {
+    parser->Add("SiftMatching." + name, value, help);
+  };
+  add("max_ratio", &sift->max_ratio);
+  add("max_distance", &sift->max_distance);
+  add("cross_check", &sift->cross_check);
+  add("min_num_inliers",
+      &sift->min_num_inliers,
+      "as in COLMAP, of a pair of images");
+  add("guided_matching",
+      &sift->guided_matching,
+      "1: match again along the known epipolar lines");
+}
+
+void AddMapperOptions(TriangulatorOptions* options, OptionParser* parser) {
+  const auto add = [parser](const std::string& name,
+                            auto* value,
+                            const std::string& help = "as in COLMAP") {
+    parser->Add("Mapper." + name, value, help);
+  };
+  const std::string kFromData =
+      "as in COLMAP; 0: from the estimated epipolar tolerance";
+  colmap::IncrementalTriangulator::Options* tri = &options->triangulation;
+  add("min_num_matches", &options->min_num_matches);
+  add("ignore_watermarks", &options->ignore_watermarks);
+  add("filter_max_reproj_error", &options->filter_max_reproj_error, kFromData);
+  add("filter_min_tri_angle", &options->filter_min_tri_angle);
+  add("tri_max_transitivity", &tri->max_transitivity);
+  add("tri_create_max_angle_error", &tri->create_max_angle_error, kFromData);
+  add("tri_continue_max_angle_error",
+      &tri->continue_max_angle_error,
+      kFromData);
+  add("tri_merge_max_reproj_error", &tri->merge_max_reproj_error, kFromData);
+  add("tri_complete_max_reproj_error",
+      &tri->complete_max_reproj_error,
+      kFromData);
+  add("tri_complete_max_transitivity", &tri->complete_max_transitivity);
+  add("tri_re_max_angle_error", &tri->re_max_angle_error, kFromData);
+  add("tri_re_min_ratio", &tri->re_min_ratio);
+  add("tri_re_max_trials", &tri->re_max_trials);
+  add("tri_min_angle", &tri->min_angle);
+  add("tri_ignore_two_view_tracks", &tri->ignore_two_view_tracks);
+}
+
+void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
+  const auto add = [parser](
+                       const std::string& name, auto* value, const char* help) {
+    parser->Add("MultiFrameTriangulator." + name, value, help);
+  };
+  add("max_view_angle",
+      &options->view_overlap.max_view_angle,
+      "largest angle between two lines of sight to a point, degrees");
+  add("min_overlap",
+      &options->view_overlap.min_overlap,
+      "smallest share of each image of a pair that the other camera sees");
+  add("focal_length_factor",
+      &options->focal_length_factor,
+      "> 0: start from this focal length / larger image side");
+  add("num_threads", &options->num_threads, "-1: all");
+  add("overwrite",
+      &options->overwrite,
+      "1: redo finished frames, databases of this command included");
+  add("quiet", &options->quiet, "1: print no progress");
+}
+
+}  // namespace
+
+TriangulatorOptions::TriangulatorOptions() {
+  sift_matching.min_num_inliers = 5;
+  // Twice the points on a real dome: the ratio test has fewer rivals.
+  sift_matching.guided_matching = true;
+  triangulation.ignore_two_view_tracks = false;
+  // COLMAP leaves cameras out whose intrinsics look like a failed estimate.
+  // Here they are given, and k2 of a narrow lens may well be 3.
+  triangulation.min_focal_length_ratio = 0.0;
+  triangulation.max_focal_length_ratio = std::numeric_limits<double>::max();
+  triangulation.max_extra_param = std::numeric_limits<double>::max();
+  triangulation.create_max_angle_error = 0.0;
+  triangulation.continue_max_angle_error = 0.0;
+  triangulation.re_max_angle_error = 0.0;
+  triangulation.merge_max_reproj_error = 0.0;
+  triangulation.complete_max_reproj_error = 0.0;
+}
+
+void TriangulatorOptions::Check() const {
+  CheckFormat("extrinsics_format", extrinsics_format);
+  CheckFormat("intrinsics_format", intrinsics_format);
+  CheckPixelOffset("--extrinsics_pixel_offset", extrinsics_pixel_offset);
+  CheckPixelOffset("--intrinsics_pixel_offset", intrinsics_pixel_offset);
+  if (FindCameraModel(camera_model) == nullptr) {
+    throw UsageError("--ImageReader.camera_model '" + camera_model +
+                     "' does not exist.");
+  }
+  const std::string prefix = "MultiFrameTriangulator.";
+  CheckRange(
+      (prefix + "max_view_angle").c_str(), view_overlap.max_view_angle, 1, 180);
+  CheckRange(
+      (prefix + "min_overlap").c_str(), view_overlap.min_overlap, 0.001, 1);
+  CheckRange(
+      (prefix + "focal_length_factor").c_str(), focal_length_factor, 0, 100);
+  CheckRange(
+      (prefix + "max_epipolar_error").c_str(), max_epipolar_error, 1e-4, 0.5);
+  if (num_threads == 0 || num_threads < -1 || num_threads > 1024) {
+    throw UsageError("--" + prefix +
+                     "num_threads must be 1 to 1024, or -1 for all.");
+  }
+  // Each octave below 0 takes 4 times the memory.
+  CheckRange(
+      "SiftExtraction.first_octave", sift_extraction.first_octave, -2, 10);
+  const double kMax = std::numeric_limits<double>::max();
+  CheckRange("Mapper.min_num_matches", min_num_matches, 1, 1e9);
+  CheckRange(
+      "Mapper.filter_max_reproj_error", filter_max_reproj_error, 0, kMax);
+  CheckRange("Mapper.filter_min_tri_angle", filter_min_tri_angle, 0, 180);
+  CheckRange("Mapper.tri_create_max_angle_error",
+             triangulation.create_max_angle_error,
+             0,
+             90);
+  CheckRange("Mapper.tri_continue_max_angle_error",
+             triangulation.continue_max_angle_error,
+             0,
+             90);
+  CheckRange(
+      "Mapper.tri_re_max_angle_error", triangulation.re_max_angle_error, 0, 90);
+  CheckRange("Mapper.tri_merge_max_reproj_error",
+             triangulation.merge_max_reproj_error,
+             0,
+             kMax);
+  CheckRange("Mapper.tri_complete_max_reproj_error",
+             triangulation.complete_max_reproj_error,
+             0,
+             kMax);
+  // The others are COLMAP's to check; it reports the option by itself.
+  colmap::IncrementalTriangulator::Options positive = triangulation;
+  positive.create_max_angle_error = positive.continue_max_angle_error = 1.0;
+  positive.re_max_angle_error = positive.merge_max_reproj_error = 1.0;
+  positive.complete_max_reproj_error = 1.0;
+  if (!sift_extraction.Check() || !sift_matching.Check() || !positive.Check()) {
+    throw UsageError(
+        "An option of [SiftExtraction], [SiftMatching] or [Mapper] is out of "
+        "range; the line above names it.");
+  }
+}
+
+void AddTrackOptions(TriangulatorOptions* options, OptionParser* parser) {
+  parser->Add("MultiFrameTriangulator.max_epipolar_error",
+              &options->max_epipolar_error,
+              "cap of the tolerance of epipolar errors / larger image side");
+  AddVerificationOptions(&options->sift_matching, parser);
+  AddMapperOptions(options, parser);
+  parser->AddSharedSection("SiftMatching");
+  parser->AddSharedSection("Mapper");
+}
+
+void AddTriangulatorOptions(TriangulatorOptions* options,
+                            OptionParser* parser) {
+  parser->AddRequired(
+      "image_path", &options->image_path, "IMAGES/FRAME/IMAGE_NAME");
+  parser->AddRequired(
+      "extrinsics_path", &options->extrinsics_path, "the known extrinsics");
+  parser->AddRequired("output_path",
+                      &options->output_path,
+                      "gets FRAME/database.db and FRAME/sparse/0");
+  parser->Add("extrinsics_format",
+              &options->extrinsics_format,
+              "auto, colmap, krt or opencv");
+  parser->Add("extrinsics_pixel_offset",
+              &options->extrinsics_pixel_offset,
+              "added to principal points; nan: 0.5 for opencv, else 0");
+  parser->Add("intrinsics_path",
+              &options->intrinsics_path,
+              "cameras to start from; empty: those of extrinsics_path");
+  parser->Add("intrinsics_format",
+              &options->intrinsics_format,
+              "auto, colmap, krt or opencv");
+  parser->Add("intrinsics_pixel_offset",
+              &options->intrinsics_pixel_offset,
+              "added to principal points; nan: 0.5 for opencv, else 0");
+  parser->Add("mask_path",
+              &options->mask_path,
+              "MASKS/FRAME/IMAGE_NAME.png or MASKS/IMAGE_NAME.png");
+  parser->Add("frame_list_path",
+              &options->frame_list_path,
+              "file with the names of the frames, one per line");
+  AddOwnOptions(options, parser);
+  parser->Add("MultiFrame.camera_name_regex",
+              &options->camera_name_regex,
+              "one capture group: the camera name within an image name");
+  parser->Add("ImageReader.camera_model",
+              &options->camera_model,
+              "camera model for focal_length_factor");
+  parser->Add("ImageReader.camera_mask_path",
+              &options->camera_mask_path,
+              "one mask for all images");
+  AddSiftExtractionOptions(&options->sift_extraction, parser);
+  AddSiftMatchingOptions(&options->sift_matching, parser);
+  AddTrackOptions(options, parser);
+  for (const char* section : {"MultiFrame", "ImageReader", "SiftExtraction"}) {
+    parser->AddSharedSection(section);
+  }
+}
+
+}  // namespace mfir

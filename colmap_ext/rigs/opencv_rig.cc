@@ -1,0 +1,268 @@
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <sstream>
+#include <system_error>
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+
+#include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/quiet_opencv.h"
+#include "colmap_ext/rigs/rig_formats.h"
+#include "src/util/errors.h"
+
+namespace mfir {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool IsFile(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+// OpenCV stops at tabs at the end of a line.
+std::string WithoutTrailingBlanks(const std::string& text) {
+  std::istringstream lines(text);
+  std::string result;
+  for (std::string line; std::getline(lines, line);) {
+    line.erase(line.find_last_not_of(" \t\r") + 1);
+    result += line + "\n";
+  }
+  return result;
+}
+
+// Fields "PREFIX_CAMERA" of a file in OpenCV's YAML.
+class OpenCVFile {
+ public:
+  explicit OpenCVFile(const std::string& path) : path_(path) {
+    // OpenCV itself takes no byte order mark.
+    if (!storage_.open(WithoutTrailingBlanks(ReadTextFile(path)),
+                       cv::FileStorage::READ | cv::FileStorage::MEMORY)) {
+      throw InputError(path + ": cannot read the file. Is it complete?");
+    }
+  }
+
+  const std::string& Path() const { return path_; }
+
+  std::vector<std::string> CameraNames() const {
+    std::vector<std::string> names;
+    const cv::FileNode node = storage_["names"];
+    if (!node.isSeq()) {
+      Fail("names", "is missing or not a list of camera names");
+    }
+    for (const cv::FileNode& name : node) {
+      if (!name.isString() && !name.isInt()) {
+        Fail("names", "has an entry that is not a camera name");
+      }
+      names.push_back(name.isInt() ? std::to_string(static_cast<int>(name))
+                                   : static_cast<std::string>(name));
+    }
+    return names;
+  }
+
+  // The field of a camera, if there is one. Numbers compare as numbers: the
+  // list has 1 where "01" was written without quotes.
+  std::optional<std::string> FindField(const std::string& prefix,
+                                       const std::string& camera_name) const {
+    const std::string canonical_name = CanonicalCameraName(camera_name);
+    for (const cv::FileNode& node : storage_.root()) {
+      const std::string field = node.name();
+      if (field.compare(0, prefix.size(), prefix) == 0 &&
+          CanonicalCameraName(field.substr(prefix.size())) == canonical_name) {
+        return field;
+      }
+    }
+    return std::nullopt;
+  }
+
+  // Row-major elements of an opencv-matrix.
+  std::vector<double> Matrix(const std::string& field) const {
+    const cv::FileNode data = storage_[field]["data"];
+    if (!data.isSeq()) {
+      Fail(field, "is not an opencv-matrix");
+    }
+    std::vector<double> values;
+    for (const cv::FileNode& value : data) {
+      if ((!value.isReal() && !value.isInt()) ||
+          !std::isfinite(static_cast<double>(value))) {
+        Fail(field,
+             "element " + std::to_string(values.size() + 1) +
+                 " is not a finite number");
+      }
+      values.push_back(static_cast<double>(value));
+    }
+    return values;
+  }
+
+  std::vector<double> Matrix(const std::string& field, size_t size) const {
+    const std::vector<double> values = Matrix(field);
+    if (values.size() != size) {
+      Fail(field,
+           "has " + std::to_string(values.size()) + " elements, not " +
+               std::to_string(size));
+    }
+    return values;
+  }
+
+  // Width or height; 0 where it is missing or, as EasyMocap writes, -1.
+  size_t ImageSize(const std::string& prefix,
+                   const std::string& camera_name) const {
+    const std::optional<std::string> field = FindField(prefix, camera_name);
+    if (!field) {
+      return 0;
+    }
+    const cv::FileNode node = storage_[*field];
+    const double size = node.isInt() || node.isReal()
+                            ? static_cast<double>(node)
+                            : std::nan("");
+    if (size == -1.0) {
+      return 0;
+    }
+    if (!(size >= 1.0 && size <= 1e6) || size != std::floor(size)) {
+      Fail(*field, "is not an image size in pixels");
+    }
+    return static_cast<size_t>(size);
+  }
+
+  [[noreturn]] void Fail(const std::string& field,
+                         const std::string& what) const {
+    throw InputError(path_ + ": " + field + " " + what +
+                     ". Correct the field, or export the calibration again.");
+  }
+
+ private:
+  const std::string path_;
+  cv::FileStorage storage_;
+};
+
+Eigen::Matrix3d RowMajorMatrix3(const std::vector<double>& values) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
+      values.data());
+}
+
+void ReadPose(const OpenCVFile& file, KnownCamera* camera) {
+  const std::string& name = camera->image_name;
+  const auto rotation_field = file.FindField("Rot_", name);
+  const auto rotation_vector_field = file.FindField("R_", name);
+  const auto translation_field = file.FindField("T_", name);
+  if (!translation_field) {
+    file.Fail("T_" + name, "(translation) is missing");
+  }
+  if (!rotation_field && !rotation_vector_field) {
+    file.Fail("Rot_" + name,
+              "(rotation matrix) and R_" + name +
+                  " (rotation vector) are both missing");
+  }
+
+  Eigen::Matrix3d rotation_of_vector = Eigen::Matrix3d::Identity();
+  if (rotation_vector_field) {
+    const std::vector<double> vector = file.Matrix(*rotation_vector_field, 3);
+    const Eigen::Map<const Eigen::Vector3d> angle_axis(vector.data());
+    if (angle_axis.norm() > 0.0) {
+      rotation_of_vector =
+          Eigen::AngleAxisd(angle_axis.norm(), angle_axis.normalized())
+              .toRotationMatrix();
+    }
+  }
+  const std::vector<double> translation = file.Matrix(*translation_field, 3);
+  Eigen::Matrix<double, 3, 4> matrix;
+  matrix.leftCols<3>() = rotation_field
+                             ? RowMajorMatrix3(file.Matrix(*rotation_field, 9))
+                             : rotation_of_vector;
+  matrix.col(3) = Eigen::Map<const Eigen::Vector3d>(translation.data());
+  SetPose(matrix, file.Path() + ": camera " + name, camera);
+  if (!rotation_field) {
+    camera->matrix.reset();  // the file gives none
+  } else if (rotation_vector_field &&
+             (matrix.leftCols<3>() - rotation_of_vector).norm() > 1e-3) {
+    file.Fail(*rotation_field,
+              "and " + *rotation_vector_field +
+                  " are different rotations; keep the right one");
+  }
+}
+
+void ReadIntrinsics(const OpenCVFile& file,
+                    double pixel_offset,
+                    KnownCamera* camera) {
+  const std::string& name = camera->image_name;
+  const auto K_field = file.FindField("K_", name);
+  if (!K_field) {
+    file.Fail("K_" + name, "(camera matrix) is missing");
+  }
+  const Eigen::Matrix3d K = RowMajorMatrix3(file.Matrix(*K_field, 9));
+  // EasyMocap reads both names.
+  auto distortion_field = file.FindField("dist_", name);
+  if (!distortion_field) {
+    distortion_field = file.FindField("D_", name);
+  }
+  const std::vector<double> distortion =
+      distortion_field ? file.Matrix(*distortion_field) : std::vector<double>();
+  SetIntrinsics(
+      K, distortion, pixel_offset, file.Path() + ": camera " + name, camera);
+  camera->width = file.ImageSize("W_", name);
+  camera->height = file.ImageSize("H_", name);
+}
+
+bool IsYamlFile(const fs::path& path) {
+  return IsFile(path) &&
+         (path.extension() == ".yml" || path.extension() == ".yaml");
+}
+
+// extri.yml and intri.yml for what the user gave, intri.yml empty if missing.
+std::pair<fs::path, fs::path> FindFiles(const fs::path& path) {
+  std::error_code error;
+  const bool is_half_of_pair =
+      path.filename() == "extri.yml" || path.filename() == "intri.yml";
+  if (IsYamlFile(path) && !is_half_of_pair) {
+    return {path, path};
+  }
+  const fs::path folder =
+      fs::is_directory(path, error) ? path : path.parent_path();
+  const fs::path extrinsics = folder / "extri.yml";
+  const fs::path intrinsics = folder / "intri.yml";
+  if (!IsFile(extrinsics)) {
+    throw InputError(extrinsics.string() +
+                     ": there is no such file. An OpenCV rig is a folder with "
+                     "extri.yml and intri.yml.");
+  }
+  return {extrinsics, IsFile(intrinsics) ? intrinsics : fs::path()};
+}
+
+}  // namespace
+
+bool IsOpenCVRig(const std::string& path) {
+  return IsFile(fs::path(path) / "extri.yml") ||
+         IsFile(fs::path(path) / "intri.yml") || IsYamlFile(path);
+}
+
+std::vector<KnownCamera> ReadOpenCVCameras(const std::string& path,
+                                           double pixel_offset) {
+  const QuietOpenCV quiet_opencv;
+  const auto [extrinsics_path, intrinsics_path] = FindFiles(path);
+  fs::path current_path = extrinsics_path;
+  try {
+    const OpenCVFile extrinsics(extrinsics_path.string());
+    std::optional<OpenCVFile> intrinsics;
+    std::vector<KnownCamera> cameras;
+    for (const std::string& name : extrinsics.CameraNames()) {
+      KnownCamera& camera = cameras.emplace_back();
+      camera.image_name = name;
+      ReadPose(extrinsics, &camera);
+    }
+    if (!intrinsics_path.empty()) {
+      current_path = intrinsics_path;
+      intrinsics.emplace(intrinsics_path.string());
+      for (KnownCamera& camera : cameras) {
+        ReadIntrinsics(*intrinsics, pixel_offset, &camera);
+      }
+    }
+    return cameras;
+  } catch (const cv::Exception& error) {
+    throw InputError(current_path.string() + ": not a file in OpenCV's YAML (" +
+                     error.err + "). It must begin with %YAML:1.0.");
+  }
+}
+
+}  // namespace mfir

@@ -1,0 +1,370 @@
+#include "src/estimators/point_elimination.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <utility>
+
+#include <Eigen/Dense>
+
+#include "src/util/parallel_for.h"
+
+namespace mfir {
+namespace {
+
+constexpr size_t kTracksPerChunk = 256;
+// Of a track in the normal equations.
+constexpr double kMinCurvatureShare = 0.1;
+constexpr size_t kMaxChunkBytes = size_t{512} << 20;
+
+Track::Observation MakeTrackObservation(const Frame& frame,
+                                        const Observation& observation) {
+  Track::Observation result = {frame.images[observation.image_idx].camera_idx,
+                               observation.xy};
+  if (observation.cost_map_idx >= 0) {
+    result.cost_maps = frame.cost_maps.get();
+    result.cost_map_idx = static_cast<size_t>(observation.cost_map_idx);
+    if (!frame.feature_keypoints.empty()) {
+      result.feature = &frame.feature_keypoints[result.cost_map_idx];
+    }
+  }
+  return result;
+}
+
+}  // namespace
+
+PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
+                                   const States& states,
+                                   Scene* scene)
+    : options_(options), scene_(scene) {
+  if (options_.improve_points) MovePointsToTheFront(states, scene_);
+  CollectTracks();
+  params_ = CollectFreeParams(options_, *scene_, ObservedCameras());
+  track_solver_.emplace(
+      TrackLosses{options_.loss, options_.feature_loss, options_.cost_map_loss},
+      scene_,
+      params_.by_camera);
+  PartitionTracks();
+  left_out_.assign(tracks_.size(), 0);
+  point_steps_.resize(tracks_.size());
+  back_blocks_.resize(observations_.size());
+}
+
+void PointElimination::CollectTracks() {
+  const std::vector<double> squared_residuals =
+      SquaredResiduals(*scene_, options_.num_threads);
+  size_t k = 0;
+  for (size_t i = 0; i < scene_->frames.size(); ++i) {
+    Frame& frame = scene_->frames[i];
+    for (size_t j = 0; j < frame.points.size(); ++j) {
+      const size_t begin = observations_.size();
+      for (size_t m = frame.track_begins[j]; m < frame.track_begins[j + 1];
+           ++m) {
+        const Observation& observation = frame.observations[m];
+        if (std::isfinite(squared_residuals[k++])) {
+          observations_.push_back(MakeTrackObservation(frame, observation));
+        }
+      }
+      if (observations_.size() - begin < 2) {
+        observations_.resize(begin);
+        continue;
+      }
+      Track track;
+      track.xyz = &frame.points[j];
+      track.weight =
+          options_.frame_weights.empty() ? 1.0 : options_.frame_weights[i];
+      track.length = observations_.size() - begin;
+      tracks_.push_back(track);
+      track_idxs_.push_back({i, j});
+    }
+  }
+  const Track::Observation* observations = observations_.data();
+  for (Track& track : tracks_) {
+    track.observations = observations;
+    observations += track.length;
+  }
+}
+
+std::vector<bool> PointElimination::ObservedCameras() const {
+  std::vector<bool> observed(scene_->cameras.size(), false);
+  for (const Track::Observation& observation : observations_) {
+    observed[observation.camera_idx] = true;
+  }
+  return observed;
+}
+
+// A fixed partition (independent of the number of threads) whose partial sums
+// are added in order makes the result reproducible.
+void PointElimination::PartitionTracks() {
+  const size_t bytes_per_chunk =
+      2 * sizeof(double) *
+          static_cast<size_t>(params_.Size() * params_.Size()) +
+      1;
+  const size_t max_num_chunks =
+      std::max<size_t>(2, kMaxChunkBytes / bytes_per_chunk);
+  chunk_size_ = std::max(
+      kTracksPerChunk, (tracks_.size() + max_num_chunks - 1) / max_num_chunks);
+}
+
+template <typename Function>
+void PointElimination::ParallelForChunks(size_t count,
+                                         const Function& function) const {
+  ParallelFor(NumChunks(count), options_.num_threads, [&](size_t chunk) {
+    const size_t begin = chunk * chunk_size_;
+    function(chunk, begin, std::min(count, begin + chunk_size_));
+  });
+}
+
+void PointElimination::EliminateTrack(size_t track_idx,
+                                      const States& states,
+                                      Curvature curvature,
+                                      NormalEquations* equations) {
+  thread_local std::vector<Linearization> linearizations;
+  thread_local TrackSystem system;
+  thread_local ParamsBlocks blocks;
+  const Track& track = tracks_[track_idx];
+  const TrackSolver& track_solver = *track_solver_;
+  track_solver.Linearize(track, states, *track.xyz, &linearizations);
+  track_solver.BuildSystem(
+      track, linearizations, curvature, kMinCurvatureShare, 0.0, &system);
+
+  point_steps_[track_idx] = system.hessian.solve(system.gradient);
+  ParamsBlock* back_blocks = &back_blocks_[static_cast<size_t>(
+      track.observations - observations_.data())];
+  blocks.resize(track.length);
+  for (size_t i = 0; i < track.length; ++i) {
+    blocks[i] = linearizations[i].jacobian_params.transpose() *
+                system.observations[i].weight *
+                linearizations[i].jacobian_point;
+    back_blocks[i] = system.hessian.solve(blocks[i].transpose()).transpose();
+  }
+  for (size_t i = 0; i < track.length; ++i) {
+    const auto& jacobian = linearizations[i].jacobian_params;
+    const Eigen::Index offset =
+        params_.offsets[track.observations[i].camera_idx];
+    const Eigen::Index size = jacobian.cols();
+    if (size == 0) continue;
+    const Eigen::VectorXd gradient =
+        jacobian.transpose() * system.observations[i].weighted_residual;
+    equations->hessian.block(offset, offset, size, size) +=
+        jacobian.transpose() * system.observations[i].weight * jacobian;
+    equations->gradient.segment(offset, size) +=
+        gradient - blocks[i] * point_steps_[track_idx];
+    for (size_t j = 0; j < track.length; ++j) {
+      const Eigen::Index other_offset =
+          params_.offsets[track.observations[j].camera_idx];
+      const Eigen::Index other_size = linearizations[j].jacobian_params.cols();
+      if (other_offset > offset || other_size == 0) continue;
+      equations->hessian.block(offset, other_offset, size, other_size) -=
+          back_blocks[i] * blocks[j].transpose();
+    }
+  }
+}
+
+NormalEquations PointElimination::BuildNormalEquations(const States& states,
+                                                       Curvature curvature) {
+  std::vector<NormalEquations> chunks(NumChunks(tracks_.size()));
+  ParallelForChunks(tracks_.size(),
+                    [&](size_t chunk, size_t begin, size_t end) {
+                      chunks[chunk].SetZero(params_.Size());
+                      for (size_t i = begin; i < end; ++i) {
+                        if (left_out_[i]) continue;
+                        EliminateTrack(i, states, curvature, &chunks[chunk]);
+                      }
+                    });
+  NormalEquations sum;
+  sum.SetZero(params_.Size());
+  for (const NormalEquations& chunk : chunks) {
+    sum.hessian += chunk.hessian;
+    sum.gradient += chunk.gradient;
+  }
+  return sum;
+}
+
+void PointElimination::AddGradient(size_t track_idx,
+                                   const States& states,
+                                   Eigen::VectorXd* gradient,
+                                   std::vector<size_t>* camera_idxs) const {
+  thread_local std::vector<Linearization> linearizations;
+  thread_local TrackSystem system;
+  const Track& track = tracks_[track_idx];
+  const TrackSolver& track_solver = *track_solver_;
+  track_solver.Linearize(track, states, *track.xyz, &linearizations);
+  track_solver.BuildSystem(
+      track, linearizations, Curvature::kReweighted, 0.0, 0.0, &system);
+  for (size_t i = 0; i < track.length; ++i) {
+    const size_t camera_idx = track.observations[i].camera_idx;
+    const auto& jacobian = linearizations[i].jacobian_params;
+    gradient->segment(params_.offsets[camera_idx], jacobian.cols()) +=
+        jacobian.transpose() * system.observations[i].weighted_residual;
+    camera_idxs->push_back(camera_idx);
+  }
+}
+
+std::vector<std::vector<size_t>> PointElimination::GroupTracks() const {
+  std::vector<std::vector<size_t>> groups;
+  std::vector<bool> is_repeated(tracks_.size(), false);
+  for (const std::vector<TrackIndex>& repeated : options_.repeated_tracks) {
+    std::vector<size_t> group;
+    for (const TrackIndex& track : repeated) {
+      const auto found =
+          std::lower_bound(track_idxs_.begin(), track_idxs_.end(), track);
+      // Not all tracks of the scene take part.
+      if (found == track_idxs_.end() || track < *found) continue;
+      group.push_back(static_cast<size_t>(found - track_idxs_.begin()));
+      is_repeated[group.back()] = true;
+    }
+    groups.push_back(std::move(group));
+  }
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    if (!is_repeated[i]) groups.push_back({i});
+  }
+  return groups;
+}
+
+void PointElimination::AddOuter(const std::vector<size_t>& camera_idxs,
+                                const Eigen::VectorXd& gradient,
+                                Eigen::MatrixXd* outer) const {
+  for (size_t a = 0; a < camera_idxs.size(); ++a) {
+    const Eigen::Index offset = params_.offsets[camera_idxs[a]];
+    const Eigen::Index size = params_.SizeOf(camera_idxs[a]);
+    for (size_t b = 0; b <= a; ++b) {
+      const Eigen::Index other_offset = params_.offsets[camera_idxs[b]];
+      const Eigen::Index other_size = params_.SizeOf(camera_idxs[b]);
+      outer->block(offset, other_offset, size, other_size) +=
+          gradient.segment(offset, size) *
+          gradient.segment(other_offset, other_size).transpose();
+    }
+  }
+}
+
+Eigen::MatrixXd PointElimination::GradientOuter(const States& states) const {
+  const std::vector<std::vector<size_t>> groups = GroupTracks();
+  const Eigen::Index num_params = params_.Size();
+  std::vector<Eigen::MatrixXd> chunks(NumChunks(groups.size()));
+  ParallelForChunks(groups.size(), [&](size_t chunk, size_t begin, size_t end) {
+    Eigen::MatrixXd& outer = chunks[chunk];
+    outer.setZero(num_params, num_params);
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(num_params);
+    std::vector<size_t> camera_idxs;
+    for (size_t i = begin; i < end; ++i) {
+      camera_idxs.clear();
+      for (const size_t track_idx : groups[i]) {
+        if (left_out_[track_idx]) continue;
+        AddGradient(track_idx, states, &gradient, &camera_idxs);
+      }
+      std::sort(camera_idxs.begin(), camera_idxs.end());
+      camera_idxs.erase(std::unique(camera_idxs.begin(), camera_idxs.end()),
+                        camera_idxs.end());
+      AddOuter(camera_idxs, gradient, &outer);
+      gradient.setZero();
+    }
+  });
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(num_params, num_params);
+  for (const Eigen::MatrixXd& chunk : chunks) sum += chunk;
+  return sum;
+}
+
+double PointElimination::TryStep(const Eigen::VectorXd& step,
+                                 const States& new_states,
+                                 Points* new_points) const {
+  const TrackSolver& track_solver = *track_solver_;
+  new_points->resize(tracks_.size());
+  std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
+  ParallelForChunks(
+      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
+        for (size_t i = begin; i < end; ++i) {
+          const Track& track = tracks_[i];
+          const size_t first =
+              static_cast<size_t>(track.observations - observations_.data());
+          Eigen::Vector3d& xyz = (*new_points)[i];
+          xyz = *track.xyz;
+          if (left_out_[i]) continue;
+          xyz -= point_steps_[i];
+          for (size_t k = 0; k < track.length; ++k) {
+            const size_t camera_idx = track.observations[k].camera_idx;
+            const ParamsBlock& block = back_blocks_[first + k];
+            xyz -= block.transpose() *
+                   step.segment(params_.offsets[camera_idx], block.rows());
+          }
+          if (!(track_solver.Cost(track, new_states, xyz) <=
+                track_solver.Cost(track, new_states, *track.xyz))) {
+            xyz = *track.xyz;
+          }
+          costs[chunk] += track_solver.Minimize(track, new_states, &xyz).cost;
+        }
+      });
+  return std::accumulate(costs.begin(), costs.end(), 0.0);
+}
+
+double PointElimination::MinimizePoints(const States& states) {
+  std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
+  ParallelForChunks(
+      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
+        for (size_t i = begin; i < end; ++i) {
+          if (left_out_[i]) continue;
+          const Track& track = tracks_[i];
+          costs[chunk] +=
+              track_solver_->Minimize(track, states, track.xyz).cost;
+        }
+      });
+  return std::accumulate(costs.begin(), costs.end(), 0.0);
+}
+
+size_t PointElimination::NumLeftOut() const {
+  return static_cast<size_t>(
+      std::count(left_out_.begin(), left_out_.end(), char{1}));
+}
+
+// Cost maps have kinks, at which no point is regular.
+bool PointElimination::LeavesOut(const TrackSolver::Minimum& minimum) const {
+  return !minimum.converged && options_.cost_map_loss == nullptr;
+}
+
+void PointElimination::SetPoints(const Points& points) {
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    *tracks_[i].xyz = points[i];
+  }
+}
+
+bool PointElimination::ImprovePoints(const States& states, double* cost) {
+  std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
+  std::vector<size_t> num_changed(costs.size(), 0);
+  ParallelForChunks(tracks_.size(),
+                    [&](size_t chunk, size_t begin, size_t end) {
+                      for (size_t i = begin; i < end; ++i) {
+                        if (left_out_[i]) continue;
+                        const Track& track = tracks_[i];
+                        TrackSolver::Minimum minimum =
+                            track_solver_->Minimize(track, states, track.xyz);
+                        if (options_.improve_points) {
+                          const double cost_before = minimum.cost;
+                          minimum = track_solver_->FindLowestMinimum(
+                              track, states, minimum, track.xyz);
+                          num_changed[chunk] += minimum.cost != cost_before;
+                        }
+                        if (LeavesOut(minimum)) {
+                          left_out_[i] = 1;
+                          ++num_changed[chunk];
+                        } else {
+                          costs[chunk] += minimum.cost;
+                        }
+                      }
+                    });
+  if (std::accumulate(num_changed.begin(), num_changed.end(), size_t{0}) == 0) {
+    return false;
+  }
+  *cost = std::accumulate(costs.begin(), costs.end(), 0.0);
+  return true;
+}
+
+double PointElimination::FeatureCost(const States& states) const {
+  double cost = 0.0;
+  for (size_t i = 0; i < tracks_.size(); ++i) {
+    if (left_out_[i]) continue;
+    cost += track_solver_->FeatureCost(tracks_[i], states, *tracks_[i].xyz);
+  }
+  return cost;
+}
+
+}  // namespace mfir

@@ -1,0 +1,120 @@
+// The points of all tracks in the solve with (nearly) fixed extrinsics:
+// eliminated from the normal equations, moved by what the cameras' step leaves
+// them, kept at their minima.
+
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "src/estimators/fixed_extrinsics_solver.h"
+#include "src/estimators/free_params.h"
+#include "src/estimators/linearization.h"
+#include "src/estimators/normal_equations.h"
+#include "src/estimators/track_solver.h"
+#include "src/scene/scene.h"
+
+namespace mfir {
+
+class PointElimination {
+ public:
+  using States = std::vector<CameraState>;
+  using Points = std::vector<Eigen::Vector3d>;
+
+  // Takes the tracks that take part from the scene, whose cameras have the
+  // given states. Options and scene must outlive this.
+  PointElimination(const FixedExtrinsicsOptions& options,
+                   const States& states,
+                   Scene* scene);
+
+  // Of the cameras that are observed.
+  const ReducedParams& Params() const { return params_; }
+  size_t NumTracks() const { return tracks_.size(); }
+
+  // Of the cameras, without priors. Stores what TryStep needs.
+  NormalEquations BuildNormalEquations(const States& states,
+                                       Curvature curvature);
+
+  // Lower triangle of the sum of g g^T, with g the gradient by the free
+  // parameters of a group of options.repeated_tracks or of a track of its own.
+  // Points must be at their minima.
+  Eigen::MatrixXd GradientOuter(const States& states) const;
+
+  // Moves the points to their minima; returns the cost. Leaves out the tracks
+  // that have none, for good.
+  double MinimizePoints(const States& states);
+  size_t NumLeftOut() const;
+
+  // Cost after the step that the last normal equations gave. Each point takes
+  // its own step or stays, whichever is better, and moves on to its minimum:
+  // what is left to minimize is a function of the cameras alone.
+  double TryStep(const Eigen::VectorXd& step,
+                 const States& new_states,
+                 Points* new_points) const;
+  void SetPoints(const Points& points);
+
+  // Moves points to their lowest minima, where they have several, and leaves
+  // out, for good, tracks that have none: whether anything changed, and then
+  // the cost.
+  bool ImprovePoints(const States& states, double* cost);
+
+  // The part of features and cost maps.
+  double FeatureCost(const States& states) const;
+
+ private:
+  using ParamsBlock = Eigen::
+      Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, kMaxNumParams, 3>;
+  using ParamsBlocks =
+      std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>;
+
+  bool LeavesOut(const TrackSolver::Minimum& minimum) const;
+
+  void CollectTracks();
+  std::vector<bool> ObservedCameras() const;
+  void PartitionTracks();
+
+  // Adds one track, its point eliminated.
+  void EliminateTrack(size_t track_idx,
+                      const States& states,
+                      Curvature curvature,
+                      NormalEquations* equations);
+  // Adds the gradient of a track, and the cameras that see it.
+  void AddGradient(size_t track_idx,
+                   const States& states,
+                   Eigen::VectorXd* gradient,
+                   std::vector<size_t>* camera_idxs) const;
+  // Adds g g^T of a gradient that is zero in all other cameras (ascending).
+  void AddOuter(const std::vector<size_t>& camera_idxs,
+                const Eigen::VectorXd& gradient,
+                Eigen::MatrixXd* outer) const;
+  // Each track in one group.
+  std::vector<std::vector<size_t>> GroupTracks() const;
+
+  // Calls function(chunk, begin, end) for the chunks of `count` items.
+  template <typename Function>
+  void ParallelForChunks(size_t count, const Function& function) const;
+  size_t NumChunks(size_t count) const {
+    return (count + chunk_size_ - 1) / chunk_size_;
+  }
+
+  const FixedExtrinsicsOptions& options_;
+  Scene* scene_;
+  std::vector<Track::Observation> observations_;
+  std::vector<Track> tracks_;
+  std::vector<TrackIndex> track_idxs_;  // in the scene, ascending
+  // By track: without a regular minimum, its point has no derivatives by the
+  // cameras. Such points run into a camera centre, or have no two observations
+  // that fit, and tell nothing. (Not bool: threads write to it.)
+  std::vector<char> left_out_;
+  size_t chunk_size_ = 0;
+  ReducedParams params_;
+  std::optional<TrackSolver> track_solver_;
+  // Back-substitution: step_xyz = -(point_steps + sum_obs back_blocks^T step).
+  Points point_steps_;
+  ParamsBlocks back_blocks_;
+};
+
+}  // namespace mfir

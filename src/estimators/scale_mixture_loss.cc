@@ -1,0 +1,148 @@
+#include "src/estimators/scale_mixture_loss.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace mfir {
+namespace {
+
+constexpr int kBinsPerOctave = 8;   // histogram of log2(s)
+constexpr int kMinLog2Ratio = -20;  // bins relative to the median of s
+constexpr int kMaxLog2Ratio = 80;
+constexpr int kNumIterations = 500;
+constexpr double kTolerance = 1e-7;   // change of a mixture weight
+constexpr double kMaxSquared = 1e12;  // px^2
+constexpr double kMinShare = 1e-6;
+constexpr double kStepInSigma = 1.4142135623730951;
+// Relative to the sigma that the median suggests. Narrower components would
+// only describe points that happen to fit their observations.
+constexpr double kMinSigmaRatio = 0.5;
+
+}  // namespace
+
+ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples) {
+  // The likelihood needs s only through a fine histogram of its logarithm.
+  const double sigma_of_median = std::max(RobustStd(samples), 1e-6);
+  const double scale = std::pow(sigma_of_median, 2);
+  const int num_bins = (kMaxLog2Ratio - kMinLog2Ratio) * kBinsPerOctave;
+  std::vector<double> counts(num_bins, 0.0);
+  double total_weight = 0.0;
+  for (const NoiseSample& sample : samples) total_weight += sample.weight;
+  for (const NoiseSample& sample : samples) {
+    const double bin =
+        (std::log2(std::max(sample.squared, 1e-300) / scale) - kMinLog2Ratio) *
+        kBinsPerOctave;
+    counts[static_cast<size_t>(std::clamp(bin, 0.0, num_bins - 1.0))] +=
+        sample.weight / total_weight;
+  }
+
+  // Up to the largest sample: beyond all components the loss would be
+  // quadratic.
+  double max_squared = scale;
+  for (const NoiseSample& sample : samples) {
+    max_squared = std::max(max_squared, std::min(sample.squared, kMaxSquared));
+  }
+  std::vector<double> variances = {std::pow(kMinSigmaRatio, 2) * scale};
+  while (variances.back() < max_squared) {
+    variances.push_back(kStepInSigma * kStepInSigma * variances.back());
+  }
+  std::vector<double> shares(variances.size(), 1.0 / variances.size());
+
+  std::vector<double> posterior(variances.size());
+  for (int iteration = 0; iteration < kNumIterations; ++iteration) {
+    std::vector<double> new_shares(variances.size(), 0.0);
+    for (int bin = 0; bin < num_bins; ++bin) {
+      if (counts[bin] == 0.0) continue;
+      const double s =
+          scale * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
+      double sum = 0.0;
+      for (size_t k = 0; k < variances.size(); ++k) {
+        posterior[k] = shares[k] / std::sqrt(variances[k]) *
+                       std::exp(-0.5 * s / variances[k]);
+        sum += posterior[k];
+      }
+      // Beyond all components: the widest one takes it.
+      if (sum < 1e-300) {
+        new_shares.back() += counts[bin];
+        continue;
+      }
+      for (size_t k = 0; k < variances.size(); ++k) {
+        new_shares[k] += counts[bin] * posterior[k] / sum;
+      }
+    }
+    double change = 0.0;
+    for (size_t k = 0; k < shares.size(); ++k) {
+      change = std::max(change, std::abs(new_shares[k] - shares[k]));
+    }
+    shares = new_shares;
+    if (change < kTolerance) break;
+  }
+
+  for (size_t k = 0; k < variances.size(); ++k) {
+    if (shares[k] > kMinShare) {
+      components_.push_back(
+          {1.0 / variances[k], std::log(shares[k] / variances[k]), shares[k]});
+    }
+  }
+  double rho[3];
+  Evaluate(0.0, rho);
+  log_density_at_zero_ = -0.5 * rho[0];
+}
+
+void ScaleMixtureLoss::Evaluate(double s, double rho[3]) const {
+  double max_exponent = -std::numeric_limits<double>::max();
+  for (const Component& component : components_) {
+    max_exponent = std::max(
+        max_exponent, component.log_density - 0.5 * s * component.information);
+  }
+  double sum = 0.0;
+  double mean = 0.0;
+  double square = 0.0;
+  for (const Component& component : components_) {
+    const double weight = std::exp(
+        component.log_density - 0.5 * s * component.information - max_exponent);
+    sum += weight;
+    mean += weight * component.information;
+    square += weight * component.information * component.information;
+  }
+  mean /= sum;
+  square /= sum;
+  rho[0] = 2.0 * (log_density_at_zero_ - max_exponent - std::log(sum));
+  rho[1] = mean;
+  rho[2] = -0.5 * std::max(0.0, square - mean * mean);
+}
+
+double ScaleMixtureLoss::CoreStd() const {
+  double rho[3];
+  Evaluate(0.0, rho);
+  return 1.0 / std::sqrt(rho[1]);
+}
+
+double ScaleMixtureLoss::InlierStd() const {
+  const double min_information = MinInlierInformation();
+  double variance = 0.0;
+  double share = 0.0;
+  for (const Component& component : components_) {
+    if (component.information < min_information) continue;
+    variance += component.share / component.information;
+    share += component.share;
+  }
+  return std::sqrt(variance / share);
+}
+
+double ScaleMixtureLoss::OutlierShare() const {
+  const double min_information = MinInlierInformation();
+  double share = 0.0;
+  for (const Component& component : components_) {
+    if (component.information < min_information) share += component.share;
+  }
+  return share;
+}
+
+double ScaleMixtureLoss::MinInlierInformation() const {
+  const double max_std = 4.0 * CoreStd();
+  return 1.0 / (max_std * max_std);
+}
+
+}  // namespace mfir

@@ -1,0 +1,25 @@
+// Static background: points that are in place in several frames. Each frame
+// that shows them repeats the same measurement, with the same errors of the
+// keypoints, so that the frames are no independent evidence.
+
+#pragma once
+
+#include <vector>
+
+#include "src/scene/scene.h"
+
+namespace mfir {
+
+// Groups of tracks that show the same static point in two frames or more, each
+// in the order of the frames. A track belongs to a point that earlier frames
+// have shown if in at least two cameras, and in most of the cameras they share,
+// the keypoints agree within a pixel with those of the first frame that has
+// them. Linear in the number of observations.
+//
+// The pixel: on panoptic31 the distances of keypoints from the nearest in the
+// next frame have a peak (16 % below 0.3 px), which at 2 px has sunk to the
+// flat background of 0.002 per px^2. Where each frame is moved on by 0.1 to
+// 0.3 m, 0.1 % of the tracks at most are taken for static instead of 30 %.
+std::vector<std::vector<TrackIndex>> FindStaticPoints(const Scene& scene);
+
+}  // namespace mfir

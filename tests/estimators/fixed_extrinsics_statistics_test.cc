@@ -1,0 +1,256 @@
+#include "src/estimators/fixed_extrinsics_solver.h"
+
+#include <cmath>
+
+#include <ceres/ceres.h>
+#include <gtest/gtest.h>
+
+#include "tests/support/test_scenes.h"
+
+namespace mfir {
+namespace {
+
+const ceres::TrivialLoss kTrivialLoss;
+
+FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
+  FixedExtrinsicsOptions options;
+  options.loss = loss;
+  return options;
+}
+
+// The first tracks of the first frame take the place of those of the others,
+// with errors of their keypoints (px) on top.
+void RepeatFirstTracks(size_t num_tracks,
+                       double jitter,
+                       uint64_t seed,
+                       Scene* scene) {
+  Random random({seed});
+  const Frame first = scene->frames[0];
+  const size_t num_observations = first.track_begins[num_tracks];
+  for (Frame& frame : scene->frames) {
+    ASSERT_EQ(frame.track_begins[num_tracks], num_observations);
+    for (size_t i = 0; i < num_tracks; ++i) frame.points[i] = first.points[i];
+    for (size_t k = 0; k < num_observations; ++k) {
+      frame.observations[k] = first.observations[k];
+      frame.observations[k].xy += Eigen::Vector2d(random.Normal(0.0, jitter),
+                                                  random.Normal(0.0, jitter));
+    }
+  }
+}
+
+// J^T J of Ceres at the solution against the sandwich.
+TEST(FixedExtrinsicsStatistics, CovarianceIsThatOfCeresOnAverage) {
+  constexpr int kNumSeeds = 8;
+  constexpr double kNoise = 0.5;
+  double sum = 0.0;
+  double count = 0.0;
+  for (uint64_t seed = 0; seed < kNumSeeds; ++seed) {
+    TestSceneOptions scene_options;
+    scene_options.num_cameras = 6;
+    scene_options.num_frames = 1;
+    scene_options.noise = kNoise;
+    scene_options.seed = 20 + seed;
+    Scene scene = MakeTestScene(scene_options).start;
+    FixedExtrinsicsOptions options = Options(&kTrivialLoss);
+    options.compute_covariance = true;
+    const FixedExtrinsicsSummary summary =
+        SolveFixedExtrinsics(options, &scene);
+
+    ceres::Problem problem(SharedLoss());
+    AddReprojectionErrors(nullptr, &scene, &problem);
+    ceres::Covariance::Options covariance_options;
+    covariance_options.algorithm_type = ceres::SPARSE_QR;
+    ceres::Covariance covariance(covariance_options);
+    std::vector<std::pair<const double*, const double*>> blocks;
+    for (const RigCamera& camera : scene.cameras) {
+      blocks.emplace_back(camera.params.data(), camera.params.data());
+    }
+    ASSERT_TRUE(covariance.Compute(blocks, &problem));
+    for (size_t i = 0; i < scene.cameras.size(); ++i) {
+      const double* params = scene.cameras[i].params.data();
+      Eigen::Matrix<double, 4, 4, Eigen::RowMajor> expected;
+      covariance.GetCovarianceBlock(params, params, expected.data());
+      for (Eigen::Index j = 0; j < 4; ++j) {
+        const Eigen::Index row = static_cast<Eigen::Index>(4 * i) + j;
+        const double ratio =
+            summary.covariance(row, row) / (kNoise * kNoise * expected(j, j));
+        EXPECT_GT(ratio, 0.3);
+        EXPECT_LT(ratio, 3.0);
+        sum += ratio;
+        count += 1.0;
+      }
+    }
+  }
+  EXPECT_NEAR(sum / count, 1.0, 0.2);
+}
+
+TEST(FixedExtrinsicsStatistics, ErrorsAreOfTheSizeThatTheCovarianceTells) {
+  for (const bool outliers : {false, true}) {
+    double sum = 0.0;
+    double count = 0.0;
+    for (uint64_t seed = 0; seed < 20; ++seed) {
+      TestSceneOptions scene_options;
+      scene_options.num_points = 150;
+      scene_options.seed = 100 + seed;
+      scene_options.outlier_share = outliers ? 0.05 : 0.0;
+      scene_options.start_error = 0.3;
+      TestScene scene = MakeTestScene(scene_options);
+      const ceres::CauchyLoss cauchy(1.0);
+      FixedExtrinsicsOptions options =
+          Options(outliers ? static_cast<const ceres::LossFunction*>(&cauchy)
+                           : &kTrivialLoss);
+      options.compute_covariance = true;
+      const FixedExtrinsicsSummary summary =
+          SolveFixedExtrinsics(options, &scene.start);
+      EXPECT_TRUE(summary.converged);
+      for (size_t i = 0; i < scene.truth.cameras.size(); ++i) {
+        for (size_t j = 0; j < 4; ++j) {
+          const double error = scene.start.cameras[i].params[j] -
+                               scene.truth.cameras[i].params[j];
+          const Eigen::Index row = static_cast<Eigen::Index>(4 * i + j);
+          sum += error * error / summary.covariance(row, row);
+          count += 1.0;
+        }
+      }
+    }
+    EXPECT_GT(sum / count, 0.7) << outliers;
+    EXPECT_LT(sum / count, 1.4) << outliers;
+  }
+}
+
+FixedExtrinsicsOptions CovarianceOptions(
+    const std::vector<std::vector<TrackIndex>>& repeated_tracks) {
+  FixedExtrinsicsOptions options = Options(&kTrivialLoss);
+  options.compute_covariance = true;
+  options.repeated_tracks = repeated_tracks;
+  return options;
+}
+
+Eigen::VectorXd Stds(const FixedExtrinsicsOptions& options, Scene scene) {
+  return SolveFixedExtrinsics(options, &scene)
+      .covariance.diagonal()
+      .cwiseSqrt();
+}
+
+double MaxRelativeDifference(const Eigen::VectorXd& a,
+                             const Eigen::VectorXd& b) {
+  return (a.cwiseQuotient(b).array() - 1.0).abs().maxCoeff();
+}
+
+TEST(FixedExtrinsicsStatistics, RepeatedTracksAreOnePieceOfEvidence) {
+  constexpr size_t kNumCopies = 3;
+  TestSceneOptions scene_options;
+  scene_options.num_frames = 1;
+  scene_options.num_points = 200;
+  const Scene one = MakeTestScene(scene_options).start;
+  Scene copies = one;
+  copies.frames.assign(kNumCopies, one.frames[0]);
+  std::vector<std::vector<TrackIndex>> all;
+  for (size_t i = 0; i < one.frames[0].points.size(); ++i) {
+    all.push_back({{0, i}, {1, i}, {2, i}});
+  }
+  const Eigen::VectorXd expected = Stds(CovarianceOptions({}), one);
+  const Eigen::VectorXd grouped = Stds(CovarianceOptions(all), copies);
+  EXPECT_LT(MaxRelativeDifference(grouped, expected), 1e-7);
+  const Eigen::VectorXd independent = Stds(CovarianceOptions({}), copies);
+  EXPECT_LT(
+      MaxRelativeDifference(std::sqrt(kNumCopies) * independent, expected),
+      1e-7);
+  // Groups of one are independent tracks, whatever their order.
+  std::vector<std::vector<TrackIndex>> single;
+  for (size_t f = kNumCopies; f-- > 0;) {
+    for (size_t i = 0; i < one.frames[0].points.size(); ++i) {
+      single.push_back({{f, i}});
+    }
+  }
+  EXPECT_LT(MaxRelativeDifference(Stds(CovarianceOptions(single), copies),
+                                  independent),
+            1e-7);
+}
+
+// Frames that repeat the keypoints of points with a small error of their own,
+// and points of their own: neither all nor none of the errors are common.
+TEST(FixedExtrinsicsStatistics, ErrorsWithRepeatedTracksToo) {
+  constexpr size_t kNumFrames = 4;
+  constexpr size_t kNumRepeated = 60;
+  double grouped = 0.0;
+  double independent = 0.0;
+  double count = 0.0;
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    TestSceneOptions scene_options;
+    scene_options.num_frames = kNumFrames;
+    scene_options.num_points = 90;
+    scene_options.seed = 300 + seed;
+    const TestScene setup = MakeTestScene(scene_options);
+    Scene scene = setup.start;
+    std::vector<std::vector<TrackIndex>> repeated(kNumRepeated);
+    RepeatFirstTracks(kNumRepeated, 0.1, seed, &scene);
+    for (size_t f = 0; f < kNumFrames; ++f) {
+      for (size_t i = 0; i < kNumRepeated; ++i) repeated[i].push_back({f, i});
+    }
+    const Eigen::VectorXd independent_stds = Stds(CovarianceOptions({}), scene);
+    const FixedExtrinsicsSummary summary =
+        SolveFixedExtrinsics(CovarianceOptions(repeated), &scene);
+    for (size_t i = 0; i < scene.cameras.size(); ++i) {
+      for (size_t j = 0; j < 4; ++j) {
+        const double error =
+            scene.cameras[i].params[j] - setup.truth.cameras[i].params[j];
+        const Eigen::Index row = static_cast<Eigen::Index>(4 * i + j);
+        grouped += error * error / summary.covariance(row, row);
+        independent += std::pow(error / independent_stds(row), 2.0);
+        count += 1.0;
+      }
+    }
+  }
+  EXPECT_GT(grouped / count, 0.7);
+  EXPECT_LT(grouped / count, 1.4);
+  EXPECT_GT(independent / count, 1.8);
+}
+
+class TrackLengthTest : public testing::TestWithParam<size_t> {};
+
+INSTANTIATE_TEST_SUITE_P(Views, TrackLengthTest, testing::Values(2, 3, 10));
+
+TEST_P(TrackLengthTest, NoiseSamplesHaveTheSigmaOfTheNoise) {
+  TestSceneOptions scene_options;
+  scene_options.num_cameras = 10;
+  scene_options.track_length = GetParam();
+  scene_options.num_points = 12000 / GetParam();
+  scene_options.noise = 0.5;
+  Scene scene = MakeTestScene(scene_options).start;
+  EXPECT_TRUE(SolveFixedExtrinsics(Options(&kTrivialLoss), &scene).converged);
+  for (const bool robust : {false, true}) {
+    const ceres::CauchyLoss cauchy(2.385 * scene_options.noise);
+    const std::vector<NoiseSample> samples =
+        NoiseSamples(scene, robust ? &cauchy : nullptr, nullptr).keypoints;
+    double degrees_of_freedom = 0.0;
+    double sum = 0.0;
+    for (const NoiseSample& sample : samples) {
+      ASSERT_GE(sample.squared, 0.0);
+      ASSERT_GT(sample.weight, 0.0);
+      ASSERT_LE(sample.weight, 1.0);
+      degrees_of_freedom += sample.weight;
+      sum += sample.weight * sample.squared;
+    }
+    if (!robust) {
+      const double expected = (2.0 * GetParam() - 3.0) *
+                              static_cast<double>(scene.frames.size()) *
+                              static_cast<double>(scene_options.num_points);
+      EXPECT_LE(degrees_of_freedom, expected * (1.0 + 1e-9));
+      EXPECT_GT(degrees_of_freedom, 0.9 * expected);
+      EXPECT_NEAR(std::sqrt(sum / degrees_of_freedom), 0.5, 0.015);
+    }
+    EXPECT_NEAR(RobustStd(samples), 0.5, 0.025) << "robust: " << robust;
+  }
+}
+
+TEST(RobustStd, IsThatOfTheWeightedMedian) {
+  EXPECT_EQ(RobustStd({}), 0.0);
+  // Median of squares of a standard normal variable: 0.4549.
+  EXPECT_NEAR(RobustStd({{4.0 * 0.45493642, 1.0}}), 2.0, 1e-8);
+  EXPECT_NEAR(
+      RobustStd({{1e9, 0.4}, {0.45493642, 0.5}, {0.0, 0.05}}), 1.0, 1e-8);
+}
+
+}  // namespace
+}  // namespace mfir
