@@ -11,7 +11,7 @@ rooms=(
   src/evaluation src/refinement src/simulation
   colmap_ext/host colmap_ext/io colmap_ext/rigs colmap_ext/options
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
-  colmap_ext/controllers colmap_ext/exe
+  colmap_ext/controllers colmap_ext/refinement colmap_ext/exe
 )
 status=0
 num_includes=0

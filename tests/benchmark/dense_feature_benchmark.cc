@@ -70,7 +70,8 @@ void Measure(int argc, char** argv) {
   options.Check();
 
   std::vector<DenseFeatureRequest> requests;
-  for (const std::string& name : ListFrames("input_path", frames_path, frame_list_path)) {
+  for (const std::string& name :
+       ListFrames("input_path", frames_path, frame_list_path)) {
     AddRequests(frames_path, name, &requests);
   }
   const auto source = MakeDenseFeatureSource(

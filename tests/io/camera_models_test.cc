@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "colmap_ext/host/compat.h"
 #include "tests/support/test_scenes.h"
 
 namespace mfir {

@@ -10,6 +10,7 @@
 #include <map>
 
 #include "colmap_ext/exe/command.h"
+#include "colmap_ext/host/compat.h"
 #include "colmap_ext/io/camera_models.h"
 #include "src/util/errors.h"
 
