@@ -26,10 +26,22 @@ constexpr double kMaxDamping = 1e12;
 // terms and in the tolerance of the points.
 constexpr double kCostResolution = 1e-11;
 // How often such a step may be no shorter than the shortest before.
-constexpr int kMaxNumLongerSteps = 3;
+constexpr int kMaxNumLongerSteps = 50;
+// Points whose minima are about to vanish: far from the solution a quadratic
+// model of them tells nothing, and they get the curvature without the second
+// derivative of the loss where they have less than this share of it. Near it,
+// in standard deviations, that would only make steps too long or too short.
+constexpr double kMinCurvatureShare = 0.1;
+constexpr double kNearStds = 0.1;
 
 // A start is contradicted by data that are this many standard deviations off.
 constexpr double kContradictionStds = 4.0;
+
+// Less of the second derivative of the loss.
+Curvature Next(Curvature curvature) {
+  return curvature == Curvature::kNewton ? Curvature::kClamped
+                                         : Curvature::kReweighted;
+}
 
 class Solver {
  public:
@@ -43,7 +55,7 @@ class Solver {
   using States = PointElimination::States;
   using Points = PointElimination::Points;
 
-  NormalEquations BuildNormalEquations(Curvature curvature);
+  NormalEquations BuildNormalEquations(Curvature curvature, double min_share);
   double PriorCost(const States& states) const;
   Eigen::MatrixXd PriorHessian() const;
   Eigen::VectorXd PlausibleStds() const;
@@ -94,8 +106,10 @@ Solver::Solver(const FixedExtrinsicsOptions& options,
       points_(options_, states_, scene_, &estimate_),
       params_(points_.Params()) {}
 
-NormalEquations Solver::BuildNormalEquations(Curvature curvature) {
-  NormalEquations equations = points_.BuildNormalEquations(states_, curvature);
+NormalEquations Solver::BuildNormalEquations(Curvature curvature,
+                                             double min_share) {
+  NormalEquations equations =
+      points_.BuildNormalEquations(states_, curvature, min_share);
   equations.hessian += PriorHessian();
   const Eigen::VectorXd residuals =
       PriorResiduals(params_.params, scene_, states_);
@@ -139,7 +153,7 @@ void Solver::HoldUndetermined() {
   const Eigen::VectorXd scale = PlausibleStds();
   const Eigen::MatrixXd information =
       scale.asDiagonal() *
-      BuildNormalEquations(Curvature::kReweighted)
+      BuildNormalEquations(Curvature::kReweighted, kMinCurvatureShare)
           .hessian.selfadjointView<Eigen::Lower>()
           .toDenseMatrix() *
       scale.asDiagonal() / options_.prior_weight;
@@ -279,7 +293,8 @@ Eigen::MatrixXd Solver::Covariance() {
   for (const Curvature curvature :
        {Curvature::kNewton, Curvature::kReweighted}) {
     const Eigen::MatrixXd hessian =
-        points_.BuildNormalEquations(states_, curvature).hessian +
+        points_.BuildNormalEquations(states_, curvature, kMinCurvatureShare)
+            .hessian +
         prior_information;
     if (SandwichCovariance(hessian, gradient_outer, &covariance)) {
       return IntrinsicsCovariance(
@@ -311,7 +326,10 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
   while (!summary->converged &&
          summary->num_iterations < options_.max_num_iterations) {
     ++summary->num_iterations;
-    const NormalEquations equations = BuildNormalEquations(curvature);
+    const bool is_near =
+        summary->last_step_stds > 0.0 && summary->last_step_stds < kNearStds;
+    const NormalEquations equations =
+        BuildNormalEquations(curvature, is_near ? 0.0 : kMinCurvatureShare);
     Eigen::VectorXd step;
     if (!ComputeFreeStep(equations, damping, &step)) {
       // Far from the solution the second derivative of the loss makes the
@@ -337,24 +355,29 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
         0.5 * length * length * options_.prior_weight;
     const bool judged =
         !full || (!below_floor && expected_decrease > kCostResolution * *cost);
-    if (!judged && length >= shortest &&
-        ++num_longer_steps > kMaxNumLongerSteps) {
-      break;
+    const bool is_newton = full && curvature == Curvature::kNewton;
+    const bool is_small = is_newton && length <= options_.step_tolerance;
+    if (!judged && !is_small && length >= shortest) {
+      if (++num_longer_steps > kMaxNumLongerSteps) break;
+      // A Newton step that is too long, time and again. Shorter ones lead on.
+      if (curvature != Curvature::kReweighted) {
+        curvature = Next(curvature);
+        continue;
+      }
     }
     const States new_states = AddStep(params_, step, states_);
     const double new_cost = TryStep(step, new_states, &new_points);
     if (new_cost <= *cost || (!judged && std::isfinite(new_cost))) {
       summary->converged =
           below_floor || (full && length <= options_.step_tolerance);
-      if (!judged) shortest = std::min(shortest, length);
+      if (!judged && is_newton) shortest = std::min(shortest, length);
       states_ = new_states;
       points_.SetPoints(new_points);
       *cost = new_cost;
       damping *= 0.03;
       curvature = Curvature::kNewton;
     } else if (curvature != Curvature::kReweighted) {
-      curvature = curvature == Curvature::kNewton ? Curvature::kClamped
-                                                  : Curvature::kReweighted;
+      curvature = Next(curvature);
     } else {
       damping = std::max(10.0 * damping, kInitialDamping);
       if (damping > kMaxDamping) break;

@@ -14,8 +14,6 @@ namespace mfir {
 namespace {
 
 constexpr size_t kTracksPerChunk = 256;
-// Of a track in the normal equations.
-constexpr double kMinCurvatureShare = 0.1;
 constexpr size_t kMaxChunkBytes = size_t{512} << 20;
 
 Track::Observation MakeTrackObservation(const Frame& frame,
@@ -120,6 +118,7 @@ void PointElimination::ParallelForChunks(size_t count,
 void PointElimination::EliminateTrack(size_t track_idx,
                                       const States& states,
                                       Curvature curvature,
+                                      double min_share,
                                       NormalEquations* equations) {
   thread_local std::vector<Linearization> linearizations;
   thread_local TrackSystem system;
@@ -128,7 +127,7 @@ void PointElimination::EliminateTrack(size_t track_idx,
   const TrackSolver& track_solver = *track_solver_;
   track_solver.Linearize(track, states, *track.xyz, &linearizations);
   track_solver.BuildSystem(
-      track, linearizations, curvature, kMinCurvatureShare, 0.0, &system);
+      track, linearizations, curvature, min_share, 0.0, &system);
 
   point_steps_[track_idx] = system.hessian.solve(system.gradient);
   ParamsBlock* back_blocks = &back_blocks_[static_cast<size_t>(
@@ -164,16 +163,17 @@ void PointElimination::EliminateTrack(size_t track_idx,
 }
 
 NormalEquations PointElimination::BuildNormalEquations(const States& states,
-                                                       Curvature curvature) {
+                                                       Curvature curvature,
+                                                       double min_share) {
   std::vector<NormalEquations> chunks(NumChunks(tracks_.size()));
-  ParallelForChunks(tracks_.size(),
-                    [&](size_t chunk, size_t begin, size_t end) {
-                      chunks[chunk].SetZero(params_.Size());
-                      for (size_t i = begin; i < end; ++i) {
-                        if (left_out_[i]) continue;
-                        EliminateTrack(i, states, curvature, &chunks[chunk]);
-                      }
-                    });
+  ParallelForChunks(
+      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
+        chunks[chunk].SetZero(params_.Size());
+        for (size_t i = begin; i < end; ++i) {
+          if (left_out_[i]) continue;
+          EliminateTrack(i, states, curvature, min_share, &chunks[chunk]);
+        }
+      });
   NormalEquations sum;
   sum.SetZero(params_.Size());
   for (const NormalEquations& chunk : chunks) {

@@ -37,9 +37,11 @@ class PointElimination {
   const ReducedParams& Params() const { return params_; }
   size_t NumTracks() const { return tracks_.size(); }
 
-  // Of the cameras, without priors. Stores what TryStep needs.
+  // Of the cameras, without priors. `min_share`: see TrackSolver. Stores what
+  // TryStep needs.
   NormalEquations BuildNormalEquations(const States& states,
-                                       Curvature curvature);
+                                       Curvature curvature,
+                                       double min_share);
 
   // Lower triangle of the sum of g g^T, with g the gradient by the free
   // parameters of a group of options.repeated_tracks or of a track of its own.
@@ -83,6 +85,7 @@ class PointElimination {
   void EliminateTrack(size_t track_idx,
                       const States& states,
                       Curvature curvature,
+                      double min_share,
                       NormalEquations* equations);
   // Adds the gradient of a track, and the cameras that see it.
   void AddGradient(size_t track_idx,

@@ -21,6 +21,7 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
     retriangulation_rounds = 0;
     held_out_share = 0.0;
     min_information = 0.0;
+    max_num_iterations = paper.max_num_iterations;
   } else {
     // The last solve converges from the alignment directly; the schedule
     // changes nothing but the time.
@@ -33,6 +34,9 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
     retriangulation_rounds = 2;
     held_out_share = 0.05;
     min_information = paper.min_information;
+    // Few need more than 50. Where the frames' own models are far off, the way
+    // along the weak modes is long.
+    max_num_iterations = 500;
   }
 }
 
