@@ -1,7 +1,8 @@
 #!/bin/bash
 # check_layout.sh [PROJECT_ROOT]: fails when an include points up in the order of
 # the rooms below, when it names a file that is not the project's (COLMAP's headers
-# are colmap_ext/host's alone), or when a test lies in no room.
+# are colmap_ext/host's alone), when COLMAP's names or its version stand outside of
+# colmap_ext/host, or when a test lies in no room.
 set -euo pipefail
 cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 
@@ -13,12 +14,27 @@ rooms=(
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
   colmap_ext/controllers colmap_ext/exe
 )
+# Written for COLMAP 3.8 alone, not through colmap_ext/host yet.
+not_through_host=(
+  colmap_ext/controllers/frame_retriangulation colmap_ext/controllers/multi_frame_bundle_adjuster
+  colmap_ext/controllers/refiner_solves colmap_ext/controllers/scene_features
+  colmap_ext/exe/multi_frame_intrinsics_refiner colmap_ext/exe/result_writer
+  colmap_ext/frames/frame_alignment colmap_ext/frames/frame_scene colmap_ext/frames/frames
+  tests/support/test_scenes
+)
 status=0
 num_includes=0
 
 fail() {
   echo "$1"
   status=1
+}
+
+# room FILE: its folder; the sides of the host for the versions of COLMAP are one.
+room() {
+  local folder=${1%/*}
+  [[ $folder != colmap_ext/host/v[0-9] ]] || folder=colmap_ext/host
+  echo "$folder"
 }
 
 # rank ROOM: its place, or nothing.
@@ -31,7 +47,7 @@ rank() {
 
 check_include() {
   local file=$1 line=$2 include=$3 room path
-  room=${file%/*}
+  room=$(room "$file")
   path=$(sed -E 's/.*[<"]([^>"]*)[>"].*/\1/' <<<"$include")
   if [[ $include == *\<* ]]; then
     [[ $path != *colmap/* ]] || fail "$file:$line: $path is a header of an installed COLMAP"
@@ -44,7 +60,7 @@ check_include() {
   fi
   # The launchers and the maths that they launch know each other.
   [[ $room != cuda || $path != src/feature/* ]] || return 0
-  if [[ -z $(rank "${path%/*}") ]] || (($(rank "${path%/*}") > $(rank "$room"))); then
+  if [[ -z $(rank "$(room "$path")") ]] || (($(rank "$(room "$path")") > $(rank "$room"))); then
     fail "$file:$line: $room may not include $path: it points up"
   fi
 }
@@ -52,13 +68,18 @@ check_include() {
 for folder in src colmap_ext cuda; do
   while IFS=: read -r file line include; do
     num_includes=$((num_includes + 1))
-    if [[ -z $(rank "${file%/*}") ]]; then
+    if [[ -z $(rank "$(room "$file")") ]]; then
       fail "$file: ${file%/*} is no room"
       continue
     fi
     check_include "$file" "$line" "$include"
   done < <(grep -rnE '^[[:space:]]*#[[:space:]]*include[[:space:]]*[<"]' "$folder")
 done
+while IFS=: read -r file line text; do
+  [[ $file != colmap_ext/host/* ]] || continue
+  [[ " ${not_through_host[*]} " != *" ${file%.*} "* ]] || continue
+  fail "$file:$line: names of COLMAP and its version belong to colmap_ext/host: $text"
+done < <(grep -rnE '\<(colmap::|MFIR_COLMAP_MAJOR)' --include='*.h' --include='*.cc' src colmap_ext tests)
 while IFS= read -r file; do
   room=$(basename "$(dirname "$file")")
   [[ -n $(rank "src/$room")$(rank "colmap_ext/$room") ]] ||

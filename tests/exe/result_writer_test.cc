@@ -26,17 +26,17 @@ class CheckFiniteTest : public testing::Test {
     result_.rms_px_after = {0.5, 0.5};
     FrameModel& frame = capture_.frames.emplace_back();
     frame.name = "f1";
-    frame.reconstruction = std::make_unique<colmap::Reconstruction>();
-    colmap::Camera colmap_camera;
-    colmap_camera.SetCameraId(1);
-    colmap_camera.SetModelIdFromName("PINHOLE");
-    colmap_camera.SetParams(camera.params);
-    frame.reconstruction->AddCamera(colmap_camera);
-    colmap::Image image;
+    frame.reconstruction = std::make_unique<host::Reconstruction>();
+    host::AddCameraWithTrivialRig(
+        host::MakeCamera(
+            1, CameraModelId(*camera.model), 640, 480, camera.params),
+        frame.reconstruction.get());
+    host::Image image;
     image.SetImageId(1);
     image.SetCameraId(1);
-    image.SetTvec(Eigen::Vector3d(0, 0, 1));
-    frame.reconstruction->AddImage(image);
+    Rigid3 pose;
+    pose.translation.z() = 1.0;
+    host::AddImageWithTrivialFrame(image, pose, frame.reconstruction.get());
     frame.reconstruction->AddPoint3D(Eigen::Vector3d(0, 0, 1), {});
     // A frame that is left out has no reconstruction.
     capture_.frames.emplace_back().skip_reason = "none";
@@ -55,7 +55,7 @@ class CheckFiniteTest : public testing::Test {
     }
   }
 
-  colmap::Reconstruction& Model() { return *capture_.frames[0].reconstruction; }
+  host::Reconstruction& Model() { return *capture_.frames[0].reconstruction; }
 
   Capture capture_;
   RefinerResult result_;
@@ -84,17 +84,19 @@ TEST_F(CheckFiniteTest, Rms) {
 }
 
 TEST_F(CheckFiniteTest, IntrinsicsOfAFrame) {
-  Model().Camera(1).SetParams({500, kNaN, 0, 0});
+  host::SetParams({500, kNaN, 0, 0}, &Model().Camera(1));
   ExpectError("parameter of frame 'f1'");
 }
 
 TEST_F(CheckFiniteTest, PoseOfAFrame) {
-  Model().Image(1).SetTvec(Eigen::Vector3d(0, kNaN, 0));
+  Rigid3 pose;
+  pose.translation.y() = kNaN;
+  host::SetCamFromWorld(pose, &Model().Image(1));
   ExpectError("pose of frame 'f1'");
 }
 
 TEST_F(CheckFiniteTest, PointOfAFrame) {
-  Model().Point3D(1).SetXYZ(Eigen::Vector3d(kNaN, 0, 0));
+  host::Xyz(&Model().Point3D(1)) = Eigen::Vector3d(kNaN, 0, 0);
   ExpectError("point of frame 'f1'");
 }
 
