@@ -11,7 +11,7 @@ MIN_FREE_MB=1000
 
 # Everything that is used by name; all else comes as a dependency.
 PACKAGES=(
-  ccache cmake g++ libbenchmark-dev ninja-build patch
+  ccache cmake g++ jq libbenchmark-dev ninja-build patch
   libboost-graph-dev libboost-program-options-dev
   libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
   libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev

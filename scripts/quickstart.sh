@@ -31,10 +31,9 @@ while (($#)); do
   shift 2
 done
 
-# json_mean FILE KEY: the mean of the first KEY of an evaluation; null is nan.
+# json_mean FILE KEY: of an evaluation; null is nan.
 json_mean() {
-  tr -d ' \n' <"$1" | grep -o "\"$2\":{[^{}]*}" |
-    sed -n '1s/.*"mean":\([^,}]*\).*/\1/p' | sed 's/null/nan/'
+  jq -r ".$2.mean // \"nan\"" "$1"
 }
 
 # print_row TEXT UNIT KEY

@@ -12,7 +12,7 @@ rooms=(
   src/evaluation src/refinement src/simulation
   colmap_ext/host colmap_ext/io colmap_ext/rigs colmap_ext/options
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
-  colmap_ext/controllers colmap_ext/exe
+  colmap_ext/controllers colmap_ext/refinement colmap_ext/exe
 )
 # Written for COLMAP 3.8 alone, not through colmap_ext/host yet.
 not_through_host=(

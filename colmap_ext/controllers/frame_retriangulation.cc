@@ -142,11 +142,14 @@ void Retriangulate(const MultiFrameOptions& options,
 // The cameras with the present intrinsics for a frame.
 std::vector<RigCamera> PresentCameras(const MultiFrameOptions& options,
                                       const Scene& scene,
-                                      const Frame& frame) {
-  std::vector<RigCamera> cameras = scene.cameras;
+                                      const Estimate& estimate,
+                                      size_t frame_idx) {
+  std::vector<RigCamera> cameras = estimate.cameras;
   if (options.SingleFrameMode()) {
-    for (const FrameImage& image : frame.images) {
-      cameras[image.camera_idx].params = image.params;
+    const std::vector<FrameImage>& images = scene.frames[frame_idx].images;
+    for (size_t i = 0; i < images.size(); ++i) {
+      cameras[images[i].camera_idx].params =
+          estimate.frames[frame_idx].images[i].params;
     }
   }
   return cameras;
@@ -158,7 +161,8 @@ std::vector<NewFrame> RetriangulateAll(
     const TriangulatorOptions& track_options,
     const fs::path& work_path,
     const std::vector<const FrameModel*>& models,
-    const Scene& scene) {
+    const Scene& scene,
+    const Estimate& estimate) {
   const int num_threads = options.EffectiveNumThreads();
   const int num_frames_at_once =
       std::min<int>(num_threads, static_cast<int>(models.size()));
@@ -172,7 +176,7 @@ std::vector<NewFrame> RetriangulateAll(
     try {
       Retriangulate(options,
                     track_options,
-                    PresentCameras(options, scene, scene.frames[i]),
+                    PresentCameras(options, scene, estimate, i),
                     work_path / ("retriangulation_" + std::to_string(i)),
                     num_threads / num_frames_at_once,
                     *models[i],
@@ -195,11 +199,9 @@ std::vector<NewFrame> RetriangulateAll(
   return results;
 }
 
-// The used frames.
-template <typename Model, typename CaptureType>
-std::vector<Model*> UsedModels(CaptureType* capture) {
-  std::vector<Model*> models;
-  for (Model& model : capture->frames) {
+std::vector<const FrameModel*> UsedModels(const Capture& capture) {
+  std::vector<const FrameModel*> models;
+  for (const FrameModel& model : capture.frames) {
     if (model.skip_reason.empty()) models.push_back(&model);
   }
   return models;
@@ -211,13 +213,10 @@ Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
                                     const TriangulatorOptions& track_options,
                                     const fs::path& work_path,
                                     const Capture& capture,
-                                    const Scene& scene) {
-  std::vector<NewFrame> new_frames =
-      RetriangulateAll(options,
-                       track_options,
-                       work_path,
-                       UsedModels<const FrameModel>(&capture),
-                       scene);
+                                    const Scene& scene,
+                                    const Estimate& estimate) {
+  std::vector<NewFrame> new_frames = RetriangulateAll(
+      options, track_options, work_path, UsedModels(capture), scene, estimate);
   Retriangulation result;
   std::vector<double> tolerances;
   for (size_t i = 0; i < new_frames.size(); ++i) {
@@ -227,7 +226,7 @@ Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
       result.num_points += frame.statistics.num_points;
       result.num_observations += frame.statistics.num_observations;
     } else {
-      result.num_points += scene.frames[i].points.size();
+      result.num_points += scene.frames[i].NumPoints();
       result.num_observations += scene.frames[i].observations.size();
     }
     result.models.push_back(std::move(frame.model));
@@ -238,24 +237,31 @@ Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
   return result;
 }
 
-void ReplaceTracks(const Similarity3& normalized_from_rig,
-                   Retriangulation retriangulation,
-                   Capture* capture,
-                   Scene* scene) {
-  const std::vector<FrameModel*> models = UsedModels<FrameModel>(capture);
-  std::vector<bool> is_new;
-  for (size_t i = 0; i < models.size(); ++i) {
-    is_new.push_back(retriangulation.models[i] != nullptr);
-    if (!is_new[i]) continue;
-    models[i]->image_ids = ImageIds(*retriangulation.models[i]);
-    models[i]->reconstruction = std::move(retriangulation.models[i]);
+Capture ReplaceModels(Retriangulation retriangulation, Capture capture) {
+  size_t i = 0;
+  for (FrameModel& frame : capture.frames) {
+    if (!frame.skip_reason.empty()) continue;
+    std::unique_ptr<colmap::Reconstruction>& model =
+        retriangulation.models[i++];
+    if (model == nullptr) continue;
+    frame.image_ids = ImageIds(*model);
+    frame.reconstruction = std::move(model);
   }
-  Scene new_scene = BuildScene(normalized_from_rig, *capture);
-  new_scene.cameras = std::move(scene->cameras);
-  for (size_t i = 0; i < models.size(); ++i) {
-    if (!is_new[i]) new_scene.frames[i] = std::move(scene->frames[i]);
+  return capture;
+}
+
+SceneEstimate WithNewTracks(const Capture& capture,
+                            const std::vector<bool>& is_new,
+                            SceneEstimate previous) {
+  SceneEstimate result = BuildScene(capture);
+  result.scene.cameras = std::move(previous.scene.cameras);
+  result.estimate.cameras = std::move(previous.estimate.cameras);
+  for (size_t i = 0; i < is_new.size(); ++i) {
+    if (is_new[i]) continue;
+    result.scene.frames[i] = std::move(previous.scene.frames[i]);
+    result.estimate.frames[i] = std::move(previous.estimate.frames[i]);
   }
-  *scene = std::move(new_scene);
+  return result;
 }
 
 }  // namespace mfir

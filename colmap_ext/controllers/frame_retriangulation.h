@@ -11,6 +11,7 @@
 #include "colmap_ext/frames/frames.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/refinement/options.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -31,7 +32,7 @@ struct Retriangulation {
 
 // Makes the tracks of every used frame with a database anew, from its matches,
 // as multi_frame_triangulator does with `track_options`: with the extrinsics
-// and present intrinsics of the scene (in single-frame mode those of the
+// and intrinsics of the estimate (in single-frame mode those of the
 // frame), and thresholds that follow from the epipolar errors which these
 // leave. Matches that came verified are verified again. Databases are only
 // read, from copies in `work_path`, which are removed.
@@ -43,13 +44,16 @@ Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
                                     const TriangulatorOptions& track_options,
                                     const std::filesystem::path& work_path,
                                     const Capture& capture,
-                                    const Scene& scene);
+                                    const Scene& scene,
+                                    const Estimate& estimate);
 
-// Replaces models of the capture and frames of the scene, which is in the
-// coordinates `normalized_from_rig`; its intrinsics stay as they are.
-void ReplaceTracks(const Similarity3& normalized_from_rig,
-                   Retriangulation retriangulation,
-                   Capture* capture,
-                   Scene* scene);
+// The capture with the new models.
+Capture ReplaceModels(Retriangulation retriangulation, Capture capture);
+
+// The scene of a capture with new models, and where to start from: frames
+// without a new model stay as they are in `previous`, and so do the cameras.
+SceneEstimate WithNewTracks(const Capture& capture,
+                            const std::vector<bool>& is_new,
+                            SceneEstimate previous);
 
 }  // namespace mfir

@@ -118,11 +118,11 @@ std::vector<CameraIntrinsics> ReadTrueCameras(const EvaluatorOptions& options,
 
 // One estimate per frame of the folder. Sub-folders without a model are no
 // frames; they are reported.
-std::vector<FrameEstimate> ReadFrameEstimates(const EvaluatorOptions& options,
-                                              const CameraNaming& naming) {
+std::vector<FrameIntrinsics> ReadFrameEstimates(const EvaluatorOptions& options,
+                                                const CameraNaming& naming) {
   const std::vector<std::string> names =
       ListFrames("input_path", options.input_path, options.frame_list_path);
-  std::vector<FrameEstimate> estimates;
+  std::vector<FrameIntrinsics> estimates;
   for (const std::string& name : names) {
     const std::string model_path =
         FindSparseModel((fs::path(options.input_path) / name).string());
@@ -143,8 +143,8 @@ std::vector<FrameEstimate> ReadFrameEstimates(const EvaluatorOptions& options,
   return estimates;
 }
 
-std::vector<FrameEstimate> ReadEstimates(const EvaluatorOptions& options,
-                                         const CameraNaming& naming) {
+std::vector<FrameIntrinsics> ReadEstimates(const EvaluatorOptions& options,
+                                           const CameraNaming& naming) {
   const fs::path path = options.input_path;
   if (!fs::is_directory(path)) {
     throw InputError("--input_path " + path.string() +
@@ -202,7 +202,7 @@ void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
 Evaluation Evaluate(const EvaluatorOptions& options) {
   const CameraNaming naming(options.camera_name_regex);
   const std::vector<CameraIntrinsics> truth = ReadTrueCameras(options, naming);
-  const std::vector<FrameEstimate> estimates = ReadEstimates(options, naming);
+  const std::vector<FrameIntrinsics> estimates = ReadEstimates(options, naming);
   try {
     return EvaluateIntrinsics(estimates, truth);
   } catch (const InputError& error) {

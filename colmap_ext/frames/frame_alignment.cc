@@ -1,6 +1,7 @@
 // Alignment of the frames to the rig.
 
 #include <map>
+#include <utility>
 
 #include "colmap_ext/frames/frames.h"
 #include "src/geometry/alignment.h"
@@ -46,12 +47,13 @@ void CheckPoseConvention(const Capture& capture) {
 
 }  // namespace
 
-void AlignFrames(const Similarity3& new_from_rig, Capture* capture) {
-  CheckPoseConvention(*capture);
+Capture AlignFrames(const Similarity3& new_from_rig, Capture capture) {
+  CheckPoseConvention(capture);
+  capture.new_from_rig = new_from_rig;
   std::string first_failure;
-  for (FrameModel& frame : capture->frames) {
+  for (FrameModel& frame : capture.frames) {
     if (!frame.skip_reason.empty()) continue;
-    const FramePoses poses = PosesOf(frame, *capture);
+    const FramePoses poses = PosesOf(frame, capture);
     const PoseAlignment alignment = AlignPoses(poses.frame, poses.rig);
     if (!alignment.failure.empty()) {
       frame.skip_reason = alignment.failure;
@@ -65,11 +67,11 @@ void AlignFrames(const Similarity3& new_from_rig, Capture* capture) {
     TransformReconstruction(new_from_rig * alignment.target_from_source,
                             frame.reconstruction.get());
   }
-  if (capture->NumUsedFrames() == 0) {
+  if (capture.NumUsedFrames() == 0) {
     throw InputError("No frame can be aligned to the known extrinsics (" +
                      first_failure + "). Is it the RIG of this array?");
   }
-  RemoveCamerasWithoutImages(capture);
+  return RemoveCamerasWithoutImages(std::move(capture));
 }
 
 }  // namespace mfir

@@ -31,38 +31,35 @@ std::vector<colmap::point3D_t> SortedPointIds(
   return ids;
 }
 
-Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
-  Scene scene;
+SceneEstimate BuildScene(const Capture& capture) {
+  SceneEstimate result;
+  std::vector<RigCamera>& cameras = result.scene.cameras;
   for (const KnownCamera& known : capture.cameras) {
-    RigCamera camera;
+    RigCamera& camera = cameras.emplace_back();
     camera.name = known.name;
-    camera.known_cam_from_world =
-        TransformPose(new_from_rig, known.cam_from_world);
-    camera.cam_from_world = camera.known_cam_from_world;
-    scene.cameras.push_back(camera);
+    camera.cam_from_world =
+        TransformPose(capture.new_from_rig, known.cam_from_world);
   }
   for (const FrameModel& model : capture.frames) {
     if (!model.skip_reason.empty()) continue;
     const colmap::Reconstruction& reconstruction = *model.reconstruction;
-    Frame frame;
+    Frame& frame = result.scene.frames.emplace_back();
+    FrameEstimate& estimate = result.estimate.frames.emplace_back();
     frame.name = model.name;
     std::map<colmap::image_t, size_t> image_idxs;
-    for (const auto& idx_and_image : model.image_ids) {
-      const colmap::Image& image = reconstruction.Image(idx_and_image.second);
+    for (const auto& [camera_idx, image_id] : model.image_ids) {
+      const colmap::Image& image = reconstruction.Image(image_id);
       const colmap::Camera& camera = reconstruction.Camera(image.CameraId());
-      RigCamera& rig_camera = scene.cameras[idx_and_image.first];
-      rig_camera.model = FindCameraModel(camera.ModelId());
-      rig_camera.width = camera.Width();
-      rig_camera.height = camera.Height();
-      image_idxs[idx_and_image.second] = frame.images.size();
-      frame.images.push_back({idx_and_image.first,
-                              CamFromWorld(image),
-                              camera.Params(),
-                              image.Name()});
+      cameras[camera_idx].model = FindCameraModel(camera.ModelId());
+      cameras[camera_idx].width = camera.Width();
+      cameras[camera_idx].height = camera.Height();
+      image_idxs[image_id] = frame.images.size();
+      frame.images.push_back({camera_idx, image.Name()});
+      estimate.images.push_back({CamFromWorld(image), camera.Params()});
     }
     for (const colmap::point3D_t point_id : SortedPointIds(reconstruction)) {
       const colmap::Point3D& point = reconstruction.Point3D(point_id);
-      frame.points.push_back(point.XYZ());
+      estimate.points.push_back(point.XYZ());
       for (const colmap::TrackElement& element : point.Track().Elements()) {
         frame.observations.push_back({image_idxs.at(element.image_id),
                                       reconstruction.Image(element.image_id)
@@ -75,55 +72,54 @@ Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture) {
                 IsBefore);
       frame.track_begins.push_back(frame.observations.size());
     }
-    scene.frames.push_back(std::move(frame));
   }
-  return scene;
+  result.estimate.cameras = cameras;
+  return result;
 }
 
-void UpdateReconstructions(const Similarity3& new_from_rig,
-                           const Scene& scene,
-                           const std::vector<KnownCamera>& cameras,
-                           bool single_frame_mode,
-                           Capture* capture) {
-  const Similarity3 rig_from_new = Inverse(new_from_rig);
-  size_t frame_idx = 0;
-  for (FrameModel& model : capture->frames) {
-    if (!model.skip_reason.empty()) continue;
-    const Frame& frame = scene.frames[frame_idx++];
-    colmap::Reconstruction& reconstruction = *model.reconstruction;
-    for (const FrameImage& frame_image : frame.images) {
-      colmap::Image& image =
-          reconstruction.Image(model.image_ids.at(frame_image.camera_idx));
-      SetCamFromWorld(cameras[frame_image.camera_idx].cam_from_world, &image);
-      reconstruction.Camera(image.CameraId())
-          .SetParams(single_frame_mode
-                         ? frame_image.params
-                         : cameras[frame_image.camera_idx].params);
-    }
-    const std::vector<colmap::point3D_t> point_ids =
-        SortedPointIds(reconstruction);
-    for (size_t i = 0; i < point_ids.size(); ++i) {
-      colmap::Point3D& point = reconstruction.Point3D(point_ids[i]);
-      point.SetXYZ(rig_from_new * frame.points[i]);
-      double error_sum = 0.0;
-      for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
-           ++k) {
-        const Observation& observation = frame.observations[k];
-        const FrameImage& image = frame.images[observation.image_idx];
-        const RigCamera& camera = scene.cameras[image.camera_idx];
-        const Eigen::Vector3d p = camera.cam_from_world * frame.points[i];
-        Eigen::Vector2d xy;
-        camera.model->Project(
-            single_frame_mode ? image.params.data() : camera.params.data(),
-            p.x() / p.z(),
-            p.y() / p.z(),
-            xy.data());
-        error_sum += (xy - observation.xy).norm();
-      }
-      point.SetError(error_sum / static_cast<double>(frame.track_begins[i + 1] -
-                                                     frame.track_begins[i]));
-    }
+colmap::Reconstruction RefinedReconstruction(
+    const Similarity3& rig_from_new,
+    const FrameModel& model,
+    const Scene& scene,
+    const Estimate& estimate,
+    size_t frame_idx,
+    const std::vector<KnownCamera>& cameras,
+    bool single_frame_mode) {
+  colmap::Reconstruction reconstruction = *model.reconstruction;
+  const Frame& frame = scene.frames[frame_idx];
+  const FrameEstimate& frame_estimate = estimate.frames[frame_idx];
+  std::vector<const std::vector<double>*> params;  // by image
+  for (size_t i = 0; i < frame.images.size(); ++i) {
+    const size_t camera_idx = frame.images[i].camera_idx;
+    params.push_back(single_frame_mode ? &frame_estimate.images[i].params
+                                       : &estimate.cameras[camera_idx].params);
+    colmap::Image& image = reconstruction.Image(model.image_ids.at(camera_idx));
+    SetCamFromWorld(cameras[camera_idx].cam_from_world, &image);
+    reconstruction.Camera(image.CameraId()).SetParams(*params.back());
   }
+  const std::vector<colmap::point3D_t> point_ids =
+      SortedPointIds(reconstruction);
+  for (size_t i = 0; i < point_ids.size(); ++i) {
+    const Eigen::Vector3d& xyz = frame_estimate.points[i];
+    double error_sum = 0.0;
+    for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1]; ++k) {
+      const Observation& observation = frame.observations[k];
+      const RigCamera& camera =
+          estimate.cameras[frame.images[observation.image_idx].camera_idx];
+      const Eigen::Vector3d p = camera.cam_from_world * xyz;
+      Eigen::Vector2d xy;
+      camera.model->Project(params[observation.image_idx]->data(),
+                            p.x() / p.z(),
+                            p.y() / p.z(),
+                            xy.data());
+      error_sum += (xy - observation.xy).norm();
+    }
+    colmap::Point3D& point = reconstruction.Point3D(point_ids[i]);
+    point.SetXYZ(rig_from_new * xyz);
+    point.SetError(error_sum / static_cast<double>(frame.track_begins[i + 1] -
+                                                   frame.track_begins[i]));
+  }
+  return reconstruction;
 }
 
 }  // namespace mfir

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
+#include <utility>
 
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
@@ -232,9 +233,9 @@ std::vector<std::string> ListFrames(const std::string& option_name,
   return names;
 }
 
-void RemoveCamerasWithoutImages(Capture* capture) {
+Capture RemoveCamerasWithoutImages(Capture capture) {
   std::set<size_t> used;
-  for (const FrameModel& frame : capture->frames) {
+  for (const FrameModel& frame : capture.frames) {
     if (!frame.skip_reason.empty()) continue;
     for (const auto& idx_and_image : frame.image_ids) {
       used.insert(idx_and_image.first);
@@ -242,17 +243,17 @@ void RemoveCamerasWithoutImages(Capture* capture) {
   }
   std::vector<KnownCamera> cameras;
   std::map<size_t, size_t> new_idxs;
-  for (size_t i = 0; i < capture->cameras.size(); ++i) {
+  for (size_t i = 0; i < capture.cameras.size(); ++i) {
     if (used.count(i) > 0) {
       new_idxs[i] = cameras.size();
-      cameras.push_back(capture->cameras[i]);
+      cameras.push_back(capture.cameras[i]);
     } else {
-      capture->cameras_without_images.push_back(capture->cameras[i].name);
+      capture.cameras_without_images.push_back(capture.cameras[i].name);
     }
   }
-  if (cameras.size() == capture->cameras.size()) return;
-  capture->cameras = std::move(cameras);
-  for (FrameModel& frame : capture->frames) {
+  if (cameras.size() == capture.cameras.size()) return capture;
+  capture.cameras = std::move(cameras);
+  for (FrameModel& frame : capture.frames) {
     if (!frame.skip_reason.empty()) continue;
     std::map<size_t, colmap::image_t> image_ids;
     for (const auto& idx_and_image : frame.image_ids) {
@@ -262,6 +263,7 @@ void RemoveCamerasWithoutImages(Capture* capture) {
     // Camera ids follow the indices.
     SplitCameras(&frame);
   }
+  return capture;
 }
 
 size_t Capture::NumUsedFrames() const {
@@ -336,8 +338,7 @@ Capture ReadCapture(const std::string& frames_path,
                      capture.frames.front().name + "', is not because " +
                      capture.frames.front().skip_reason + ".");
   }
-  RemoveCamerasWithoutImages(&capture);
-  return capture;
+  return RemoveCamerasWithoutImages(std::move(capture));
 }
 
 }  // namespace mfir

@@ -11,6 +11,7 @@
 #include "colmap_ext/host/compat.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/refinement/options.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 #include "src/sensor/unmatched_names.h"
 
@@ -33,6 +34,8 @@ struct FrameModel {
 };
 
 struct Capture {
+  // After AlignFrames: the coordinates of the reconstructions.
+  Similarity3 new_from_rig;
   // The cameras of RIG, in the order of their names, that have images.
   std::vector<KnownCamera> cameras;
   std::vector<FrameModel> frames;  // in the order of their names
@@ -40,9 +43,6 @@ struct Capture {
   std::vector<std::string> cameras_without_images;
   std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
   ImageOfName image_of_unknown_name;               // of the latter
-
-  // Cameras whose extrinsics in RIG contradict the frames, and why.
-  std::map<std::string, std::string> contradicting_cameras;
 
   size_t NumUsedFrames() const;
 };
@@ -68,33 +68,37 @@ Capture ReadCapture(const std::string& frames_path,
                     const Rig& rig,
                     const MultiFrameOptions& options);
 
-// Drops cameras that no used frame has from the capture and renumbers the
-// others.
-void RemoveCamerasWithoutImages(Capture* capture);
+// Without cameras that no used frame has; the others are renumbered.
+Capture RemoveCamerasWithoutImages(Capture capture);
 
-// Moves each frame robustly (AlignPoses) into the coordinates `new_from_rig`
-// away from the rig's. Skips frames that do not align; throws InputError if
-// none does, or if most fit the rig far better in another convention of poses.
-void AlignFrames(const Similarity3& new_from_rig, Capture* capture);
+// The capture with each frame robustly (AlignPoses) moved into the coordinates
+// `new_from_rig` away from the rig's. Skips frames that do not align; throws
+// InputError if none does, or if most fit the rig far better in another
+// convention of poses.
+Capture AlignFrames(const Similarity3& new_from_rig, Capture capture);
 
-// Ids of all points, ascending: the order of Frame::points.
+// Ids of all points, ascending: the order of the tracks of a Frame.
 std::vector<colmap::point3D_t> SortedPointIds(
     const colmap::Reconstruction& reconstruction);
 
-// Arrays of the used frames, with the rig's known extrinsics in the
-// coordinates `new_from_rig`. Ordered by camera, image and point id, so that
+// Arrays of the used frames of an aligned capture; the estimate has what the
+// frames' reconstructions have. Ordered by camera, image and point id, so that
 // the order on disk does not matter. Intrinsics of the rig's cameras are not
 // set.
-Scene BuildScene(const Similarity3& new_from_rig, const Capture& capture);
+SceneEstimate BuildScene(const Capture& capture);
 
-// Makes the reconstructions of the used frames the refined ones, in the rig's
-// coordinates: points of the scene, extrinsics and intrinsics of `cameras`, or
-// the frame's own intrinsics where `single_frame_mode`. Point errors are the
-// mean reprojection errors (px), as in COLMAP.
-void UpdateReconstructions(const Similarity3& new_from_rig,
-                           const Scene& scene,
-                           const std::vector<KnownCamera>& cameras,
-                           bool single_frame_mode,
-                           Capture* capture);
+// The reconstruction of the frame scene.frames[frame_idx] with what was
+// refined, in the rig's coordinates, `rig_from_new` away: its points, and poses
+// and intrinsics of `cameras`, or the frame's own intrinsics where
+// `single_frame_mode`. Point errors are the mean reprojection errors (px), as
+// in COLMAP.
+colmap::Reconstruction RefinedReconstruction(
+    const Similarity3& rig_from_new,
+    const FrameModel& model,
+    const Scene& scene,
+    const Estimate& estimate,
+    size_t frame_idx,
+    const std::vector<KnownCamera>& cameras,
+    bool single_frame_mode);
 
 }  // namespace mfir

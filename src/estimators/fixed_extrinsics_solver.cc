@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Cholesky>
@@ -32,7 +33,9 @@ constexpr double kContradictionStds = 4.0;
 
 class Solver {
  public:
-  Solver(const FixedExtrinsicsOptions& options, Scene* scene);
+  Solver(const FixedExtrinsicsOptions& options,
+         const Scene& scene,
+         Estimate start);
 
   FixedExtrinsicsSummary Solve();
 
@@ -70,7 +73,8 @@ class Solver {
   std::vector<bool> HeldCameras() const;
 
   const FixedExtrinsicsOptions options_;
-  Scene* scene_;
+  const Scene& scene_;
+  Estimate estimate_;
   States states_;
   PointElimination points_;
   const ReducedParams& params_;
@@ -80,18 +84,21 @@ class Solver {
   Eigen::MatrixXd free_directions_;
 };
 
-Solver::Solver(const FixedExtrinsicsOptions& options, Scene* scene)
+Solver::Solver(const FixedExtrinsicsOptions& options,
+               const Scene& scene,
+               Estimate start)
     : options_(options),
       scene_(scene),
-      states_(CameraStates(*scene)),
-      points_(options_, states_, scene),
+      estimate_(std::move(start)),
+      states_(CameraStates(estimate_.cameras)),
+      points_(options_, states_, scene_, &estimate_),
       params_(points_.Params()) {}
 
 NormalEquations Solver::BuildNormalEquations(Curvature curvature) {
   NormalEquations equations = points_.BuildNormalEquations(states_, curvature);
   equations.hessian += PriorHessian();
   const Eigen::VectorXd residuals =
-      PriorResiduals(params_.params, *scene_, states_);
+      PriorResiduals(params_.params, scene_, states_);
   for (Eigen::Index i = 0; i < params_.Size(); ++i) {
     const double std = params_.params[i].prior_std;
     if (std == 0.0) continue;
@@ -102,7 +109,7 @@ NormalEquations Solver::BuildNormalEquations(Curvature curvature) {
 
 double Solver::PriorCost(const States& states) const {
   return 0.5 * options_.prior_weight *
-         PriorResiduals(params_.params, *scene_, states).squaredNorm();
+         PriorResiduals(params_.params, scene_, states).squaredNorm();
 }
 
 Eigen::MatrixXd Solver::PriorHessian() const {
@@ -180,11 +187,9 @@ Eigen::VectorXd Solver::DifferenceFromStart() const {
   Eigen::VectorXd difference = Eigen::VectorXd::Zero(params_.Size());
   for (Eigen::Index i = 0; i < params_.Size(); ++i) {
     const FreeParam& param = params_.params[i];
-    const std::vector<double>& start =
-        scene_->cameras[param.camera_idx].prior_params;
-    if (param.IsPose() || start.empty()) continue;
-    difference(i) =
-        states_[param.camera_idx].params[param.idx] - start[param.idx];
+    if (param.IsPose()) continue;
+    difference(i) = states_[param.camera_idx].params[param.idx] -
+                    scene_.cameras[param.camera_idx].params[param.idx];
   }
   return difference;
 }
@@ -225,8 +230,8 @@ bool Solver::ImprovePoints(double* cost) {
 }
 
 void Solver::SetCameras() {
-  for (size_t i = 0; i < scene_->cameras.size(); ++i) {
-    RigCamera& camera = scene_->cameras[i];
+  for (size_t i = 0; i < estimate_.cameras.size(); ++i) {
+    RigCamera& camera = estimate_.cameras[i];
     camera.params = states_[i].params;
     if (params_.by_camera[i].pose) {
       camera.cam_from_world.rotation = Eigen::Quaterniond(states_[i].rotation);
@@ -277,12 +282,13 @@ Eigen::MatrixXd Solver::Covariance() {
         points_.BuildNormalEquations(states_, curvature).hessian +
         prior_information;
     if (SandwichCovariance(hessian, gradient_outer, &covariance)) {
-      return IntrinsicsCovariance(params_.params, *scene_, covariance);
+      return IntrinsicsCovariance(
+          params_.params, estimate_.cameras, covariance);
     }
   }
   covariance.setConstant(
       params_.Size(), params_.Size(), std::numeric_limits<double>::quiet_NaN());
-  return IntrinsicsCovariance(params_.params, *scene_, covariance);
+  return IntrinsicsCovariance(params_.params, estimate_.cameras, covariance);
 }
 
 // The length of a Newton step dK in standard deviations: with the covariance
@@ -381,13 +387,14 @@ FixedExtrinsicsSummary Solver::Solve() {
   summary.num_tracks_left_out = points_.NumLeftOut();
   summary.held_cameras = HeldCameras();
   if (options_.compute_covariance) summary.covariance = Covariance();
+  summary.estimate = std::move(estimate_);
   return summary;
 }
 
 // Those that have a large share in a held direction.
 std::vector<bool> Solver::HeldCameras() const {
   constexpr double kMinShare = 0.25;  // of that of the largest parameter
-  std::vector<bool> held_cameras(scene_->cameras.size(), false);
+  std::vector<bool> held_cameras(scene_.cameras.size(), false);
   for (Eigen::Index k = 0; k < held_directions_.cols(); ++k) {
     const Eigen::VectorXd shares = held_directions_.col(k).cwiseAbs2();
     for (Eigen::Index i = 0; i < params_.Size(); ++i) {
@@ -402,8 +409,8 @@ std::vector<bool> Solver::HeldCameras() const {
 }  // namespace
 
 FixedExtrinsicsSummary SolveFixedExtrinsics(
-    const FixedExtrinsicsOptions& options, Scene* scene) {
-  return Solver(options, scene).Solve();
+    const FixedExtrinsicsOptions& options, const Scene& scene, Estimate start) {
+  return Solver(options, scene, std::move(start)).Solve();
 }
 
 }  // namespace mfir

@@ -9,7 +9,7 @@
 #include <ceres/loss_function.h>
 #include <Eigen/Core>
 
-#include "src/estimators/noise_samples.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -36,9 +36,9 @@ struct FixedExtrinsicsOptions {
   std::vector<double> frame_weights;
 
   // Priors with these standard deviations, none where 0: rotation (rad per
-  // axis) and camera centre (world units per axis) around known_cam_from_world,
-  // which are corrected only then, and focal lengths and principal points (px)
-  // around prior_params.
+  // axis) and camera centre (world units per axis), which are corrected only
+  // then, and focal lengths and principal points (px), all around those of
+  // Scene::cameras.
   double rotation_std = 0.0;
   double center_std = 0.0;
   double focal_std = 0.0;
@@ -48,13 +48,13 @@ struct FixedExtrinsicsOptions {
   double prior_weight = 1.0;
 
   // Combinations of intrinsics that the data determine worse than this are held
-  // at prior_params (where they are if that is empty), unless they contradict
-  // it. Positive: less information (1/px^2; intrinsics in pixels,
-  // distortion by what it moves the image corner). Negative: a standard
-  // deviation of more than 2 % of the focal length; for the others, of what
-  // moves the image corner by 2 % of half the image diagonal. 0: none.
+  // at Scene::cameras, unless they contradict it. Positive: less information
+  // (1/px^2; intrinsics in pixels, distortion by what it moves the image
+  // corner). Negative: a standard deviation of more than 2 % of the focal
+  // length; for the others, of what moves the image corner by 2 % of half the
+  // image diagonal. 0: none.
   double min_information = 0.0;
-  // Whether distortion has a weak prior around prior_params: a standard
+  // Whether distortion has a weak prior around Scene::cameras: a standard
   // deviation of what moves the image corner by 5 % of half the image diagonal.
   // Next to data that tell anything it is nothing, but rich lens models do not
   // run away in the first solves, and parameters without effect (the angle of
@@ -82,6 +82,7 @@ struct FixedExtrinsicsOptions {
 };
 
 struct FixedExtrinsicsSummary {
+  Estimate estimate;
   double initial_cost = 0.0;
   double final_cost = 0.0;
   double final_feature_cost = 0.0;  // part of final_cost
@@ -107,20 +108,20 @@ struct FixedExtrinsicsSummary {
   std::vector<bool> held_cameras;
 };
 
-// Minimizes, over the intrinsics of scene->cameras and all points,
+// Minimizes, over the intrinsics of the estimate's cameras and all points,
 //
 //   sum_frames weight_f sum_obs
 //       1/2 rho(|Project(params_c, R_c X + t_c) - xy|^2)
 //   + prior_weight sum_priors 1/2 ((parameter - known) / std)^2
 //
-// with R_c, t_c the extrinsics of the rig (poses of the frames' images are not
-// used), exactly known or corrected under a prior. Newton steps with the second
-// derivative of the loss, points eliminated one by one and moved to their
-// minima after each step: time and memory grow linearly with the number of
-// points, only the reduced system of the cameras is dense. Observations behind
-// their camera at the start of the solve take no part in it. The result is the
-// same for every number of threads.
+// with R_c, t_c the extrinsics of the estimate's cameras (poses of the frames'
+// images are not used), which stay or are corrected under a prior. Newton steps
+// with the second derivative of the loss, points eliminated one by one and
+// moved to their minima after each step: time and memory grow linearly with the
+// number of points, only the reduced system of the cameras is dense.
+// Observations behind their camera at the start of the solve take no part in
+// it. The result is the same for every number of threads.
 FixedExtrinsicsSummary SolveFixedExtrinsics(
-    const FixedExtrinsicsOptions& options, Scene* scene);
+    const FixedExtrinsicsOptions& options, const Scene& scene, Estimate start);
 
 }  // namespace mfir

@@ -58,15 +58,14 @@ double ChangeOfCornerShift(const RigCamera& camera,
 }
 
 double PlausibleStd(const FixedExtrinsicsOptions& options,
+                    const RigCamera& known_camera,
                     const RigCamera& camera,
                     const FreeParam& param) {
   if (options.min_information > 0.0) {
     return 1.0 / (std::sqrt(options.min_information) * param.pixels);
   }
   if (param.type == FreeParam::kFocalLength) {
-    const std::vector<double>& start =
-        camera.prior_params.empty() ? camera.params : camera.prior_params;
-    return kPlausibleShare * start[param.idx];
+    return kPlausibleShare * known_camera.params[param.idx];
   }
   const double shift =
       kPlausibleShare * 0.5 * std::hypot(camera.width, camera.height);
@@ -100,8 +99,10 @@ void MovePose(const Eigen::Vector3d& rotation,
 // In the order of FreeParams.
 std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
                                           const Scene& scene,
+                                          const Estimate& estimate,
                                           size_t camera_idx) {
-  const RigCamera& camera = scene.cameras[camera_idx];
+  const RigCamera& known_camera = scene.cameras[camera_idx];
+  const RigCamera& camera = estimate.cameras[camera_idx];
   const CameraModel& model = *camera.model;
   const std::vector<double> pixel_scales = PixelScales(camera);
   const double focal_length = camera.params[model.FocalLengthIdxs()[0]];
@@ -130,7 +131,7 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
       refine = options.refine_principal_point;
     }
     if (!refine) continue;
-    param.plausible_std = PlausibleStd(options, camera, param);
+    param.plausible_std = PlausibleStd(options, known_camera, camera, param);
     if (options.weak_distortion_prior && param.type == FreeParam::kExtra) {
       param.prior_std = kWeakPriorFactor * param.plausible_std;
     }
@@ -139,7 +140,7 @@ std::vector<FreeParam> FreeParamsOfCamera(const FixedExtrinsicsOptions& options,
   if (options.rotation_std == 0.0 && options.center_std == 0.0) return params;
   // A standard deviation of zero means exactly known: a very stiff prior.
   const double distance =
-      std::max(camera.known_cam_from_world.Center().norm(), 1e-300);
+      std::max(known_camera.cam_from_world.Center().norm(), 1e-300);
   const double rotation_std =
       options.rotation_std > 0.0 ? options.rotation_std : 1e-12;
   const double center_std =
@@ -201,12 +202,13 @@ std::vector<double> PixelScales(const RigCamera& camera) {
 
 ReducedParams CollectFreeParams(const FixedExtrinsicsOptions& options,
                                 const Scene& scene,
+                                const Estimate& estimate,
                                 const std::vector<bool>& observed) {
   ReducedParams reduced;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     reduced.offsets.push_back(reduced.Size());
     const std::vector<FreeParam> camera_params =
-        observed[i] ? FreeParamsOfCamera(options, scene, i)
+        observed[i] ? FreeParamsOfCamera(options, scene, estimate, i)
                     : std::vector<FreeParam>();
     reduced.by_camera.push_back(ToFreeParams(camera_params));
     reduced.params.insert(
@@ -223,19 +225,19 @@ Eigen::VectorXd PriorResiduals(const std::vector<FreeParam>& params,
   for (Eigen::Index i = 0; i < num_params; ++i) {
     const FreeParam& param = params[i];
     if (param.prior_std == 0.0) continue;
-    const RigCamera& camera = scene.cameras[param.camera_idx];
+    const RigCamera& known_camera = scene.cameras[param.camera_idx];
     const CameraState& state = states[param.camera_idx];
     double difference = 0.0;
     if (param.type == FreeParam::kRotation) {
       const Eigen::Matrix3d known =
-          camera.known_cam_from_world.rotation.toRotationMatrix();
+          known_camera.cam_from_world.rotation.toRotationMatrix();
       difference = LogRotation(state.rotation * known.transpose())(param.idx);
     } else if (param.type == FreeParam::kCenter) {
       const Eigen::Vector3d center =
           -state.rotation.transpose() * state.translation;
-      difference = (center - camera.known_cam_from_world.Center())(param.idx);
+      difference = (center - known_camera.cam_from_world.Center())(param.idx);
     } else {
-      difference = state.params[param.idx] - camera.prior_params[param.idx];
+      difference = state.params[param.idx] - known_camera.params[param.idx];
     }
     residuals(i) = difference / param.prior_std;
   }

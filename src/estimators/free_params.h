@@ -8,6 +8,7 @@
 
 #include "src/estimators/fixed_extrinsics_solver.h"
 #include "src/estimators/linearization.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -43,12 +44,15 @@ struct ReducedParams {
   }
 };
 
-// Of the cameras that are observed; nothing is free in the others.
+// Of the cameras that are observed; nothing is free in the others. What
+// parameters are worth in pixels is that of the estimate.
 ReducedParams CollectFreeParams(const FixedExtrinsicsOptions& options,
                                 const Scene& scene,
+                                const Estimate& estimate,
                                 const std::vector<bool>& observed);
 
-// (parameter - known) / std of all priors, by free parameter; 0 without.
+// (parameter - known) / std of all priors, by free parameter; 0 without. Known
+// are the cameras of the scene.
 Eigen::VectorXd PriorResiduals(const std::vector<FreeParam>& params,
                                const Scene& scene,
                                const std::vector<CameraState>& states);

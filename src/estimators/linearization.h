@@ -43,9 +43,10 @@ inline double MaxImageRadius(const RigCamera& camera) {
   return max_radius;
 }
 
-inline std::vector<CameraState> CameraStates(const Scene& scene) {
+inline std::vector<CameraState> CameraStates(
+    const std::vector<RigCamera>& cameras) {
   std::vector<CameraState> states;
-  for (const RigCamera& camera : scene.cameras) {
+  for (const RigCamera& camera : cameras) {
     states.push_back({camera.cam_from_world.rotation.toRotationMatrix(),
                       camera.cam_from_world.translation,
                       camera.params,

@@ -21,16 +21,20 @@ constexpr double kMinWeight = 0.05;
 // Consecutive points of one frame.
 struct Chunk {
   const Frame* frame;
+  const std::vector<Eigen::Vector3d>* points;
   size_t begin;
   size_t end;
 };
 
-std::vector<Chunk> MakeChunks(const Scene& scene) {
+std::vector<Chunk> MakeChunks(const Scene& scene, const Estimate& estimate) {
   std::vector<Chunk> chunks;
-  for (const Frame& frame : scene.frames) {
-    for (size_t i = 0; i < frame.points.size(); i += kPointsPerChunk) {
-      chunks.push_back(
-          {&frame, i, std::min(frame.points.size(), i + kPointsPerChunk)});
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const Frame& frame = scene.frames[f];
+    for (size_t i = 0; i < frame.NumPoints(); i += kPointsPerChunk) {
+      chunks.push_back({&frame,
+                        &estimate.frames[f].points,
+                        i,
+                        std::min(frame.NumPoints(), i + kPointsPerChunk)});
     }
   }
   return chunks;
@@ -39,10 +43,9 @@ std::vector<Chunk> MakeChunks(const Scene& scene) {
 // Calls function(chunk, &results) for all chunks and joins the results in
 // order.
 template <typename T, typename Function>
-std::vector<T> CollectInChunks(const Scene& scene,
+std::vector<T> CollectInChunks(const std::vector<Chunk>& chunks,
                                int num_threads,
                                const Function& function) {
-  const std::vector<Chunk> chunks = MakeChunks(scene);
   std::vector<std::vector<T>> results(chunks.size());
   ParallelFor(chunks.size(), num_threads, [&](size_t i) {
     function(chunks[i], &results[i]);
@@ -133,10 +136,14 @@ void AddSamples(const std::vector<WeightedResidual>& residuals,
 
 }  // namespace
 
-std::vector<double> SquaredResiduals(const Scene& scene, int num_threads) {
-  const std::vector<CameraState> states = CameraStates(scene);
+std::vector<double> SquaredResiduals(const Scene& scene,
+                                     const Estimate& estimate,
+                                     int num_threads) {
+  const std::vector<CameraState> states = CameraStates(estimate.cameras);
   return CollectInChunks<double>(
-      scene, num_threads, [&](const Chunk& chunk, std::vector<double>* result) {
+      MakeChunks(scene, estimate),
+      num_threads,
+      [&](const Chunk& chunk, std::vector<double>* result) {
         const Frame& frame = *chunk.frame;
         for (size_t i = chunk.begin; i < chunk.end; ++i) {
           for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
@@ -147,7 +154,7 @@ std::vector<double> SquaredResiduals(const Scene& scene, int num_threads) {
             Eigen::Vector2d xy;
             result->push_back(ProjectPoint(*scene.cameras[camera_idx].model,
                                            states[camera_idx],
-                                           frame.points[i],
+                                           (*chunk.points)[i],
                                            &xy)
                                   ? (xy - observation.xy).squaredNorm()
                                   : std::numeric_limits<double>::infinity());
@@ -157,11 +164,12 @@ std::vector<double> SquaredResiduals(const Scene& scene, int num_threads) {
 }
 
 NoiseSampleSets NoiseSamples(const Scene& scene,
+                             const Estimate& estimate,
                              const ceres::LossFunction* loss,
                              const ceres::LossFunction* feature_loss,
                              int num_threads) {
-  const std::vector<CameraState> states = CameraStates(scene);
-  const std::vector<Chunk> chunks = MakeChunks(scene);
+  const std::vector<CameraState> states = CameraStates(estimate.cameras);
+  const std::vector<Chunk> chunks = MakeChunks(scene, estimate);
   std::vector<NoiseSampleSets> sets(chunks.size());
   ParallelFor(chunks.size(), num_threads, [&](size_t c) {
     const Frame& frame = *chunks[c].frame;
@@ -179,7 +187,7 @@ NoiseSampleSets NoiseSamples(const Scene& scene,
                                   states[camera_idx],
                                   FreeParams(),
                                   observation.xy,
-                                  frame.points[i],
+                                  (*chunks[c].points)[i],
                                   &linearization)) {
           continue;
         }

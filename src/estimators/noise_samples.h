@@ -7,6 +7,7 @@
 
 #include <ceres/loss_function.h>
 
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -14,7 +15,9 @@ namespace mfir {
 // Squared residual norm (px^2) of every observation under the extrinsics and
 // intrinsics of the rig's cameras, in order of frames and observations;
 // infinite for points behind the camera.
-std::vector<double> SquaredResiduals(const Scene& scene, int num_threads = -1);
+std::vector<double> SquaredResiduals(const Scene& scene,
+                                     const Estimate& estimate,
+                                     int num_threads = -1);
 
 // One coordinate of a residual as a sample of the noise.
 struct NoiseSample {
@@ -42,6 +45,7 @@ struct NoiseSampleSets {
 // weight l; directions that the fit has made zero, or in which a feature is
 // vague, do not count.
 NoiseSampleSets NoiseSamples(const Scene& scene,
+                             const Estimate& estimate,
                              const ceres::LossFunction* loss,
                              const ceres::LossFunction* feature_loss,
                              int num_threads = -1);

@@ -49,12 +49,12 @@ bool SandwichCovariance(const Eigen::MatrixXd& hessian,
 }
 
 Eigen::MatrixXd IntrinsicsCovariance(const std::vector<FreeParam>& params,
-                                     const Scene& scene,
+                                     const std::vector<RigCamera>& cameras,
                                      const Eigen::MatrixXd& free_covariance) {
   const Eigen::Index num_params = static_cast<Eigen::Index>(params.size());
   std::vector<Eigen::Index> camera_begins;
   Eigen::Index num_intrinsics = 0;
-  for (const RigCamera& camera : scene.cameras) {
+  for (const RigCamera& camera : cameras) {
     camera_begins.push_back(num_intrinsics);
     num_intrinsics += static_cast<Eigen::Index>(camera.params.size());
   }

@@ -40,7 +40,7 @@ bool SandwichCovariance(const Eigen::MatrixXd& hessian,
 
 // From free parameters to all intrinsics, stacked by camera.
 Eigen::MatrixXd IntrinsicsCovariance(const std::vector<FreeParam>& params,
-                                     const Scene& scene,
+                                     const std::vector<RigCamera>& cameras,
                                      const Eigen::MatrixXd& free_covariance);
 
 }  // namespace mfir

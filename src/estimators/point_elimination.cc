@@ -7,6 +7,7 @@
 
 #include <Eigen/Dense>
 
+#include "src/estimators/noise_samples.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -35,14 +36,15 @@ Track::Observation MakeTrackObservation(const Frame& frame,
 
 PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
                                    const States& states,
-                                   Scene* scene)
+                                   const Scene& scene,
+                                   Estimate* estimate)
     : options_(options), scene_(scene) {
-  if (options_.improve_points) MovePointsToTheFront(states, scene_);
-  CollectTracks();
-  params_ = CollectFreeParams(options_, *scene_, ObservedCameras());
+  if (options_.improve_points) MovePointsToTheFront(states, scene_, estimate);
+  CollectTracks(estimate);
+  params_ = CollectFreeParams(options_, scene_, *estimate, ObservedCameras());
   track_solver_.emplace(
       TrackLosses{options_.loss, options_.feature_loss, options_.cost_map_loss},
-      scene_,
+      &scene_,
       params_.by_camera);
   PartitionTracks();
   left_out_.assign(tracks_.size(), 0);
@@ -50,13 +52,13 @@ PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
   back_blocks_.resize(observations_.size());
 }
 
-void PointElimination::CollectTracks() {
+void PointElimination::CollectTracks(Estimate* estimate) {
   const std::vector<double> squared_residuals =
-      SquaredResiduals(*scene_, options_.num_threads);
+      SquaredResiduals(scene_, *estimate, options_.num_threads);
   size_t k = 0;
-  for (size_t i = 0; i < scene_->frames.size(); ++i) {
-    Frame& frame = scene_->frames[i];
-    for (size_t j = 0; j < frame.points.size(); ++j) {
+  for (size_t i = 0; i < scene_.frames.size(); ++i) {
+    const Frame& frame = scene_.frames[i];
+    for (size_t j = 0; j < frame.NumPoints(); ++j) {
       const size_t begin = observations_.size();
       for (size_t m = frame.track_begins[j]; m < frame.track_begins[j + 1];
            ++m) {
@@ -70,7 +72,7 @@ void PointElimination::CollectTracks() {
         continue;
       }
       Track track;
-      track.xyz = &frame.points[j];
+      track.xyz = &estimate->frames[i].points[j];
       track.weight =
           options_.frame_weights.empty() ? 1.0 : options_.frame_weights[i];
       track.length = observations_.size() - begin;
@@ -86,7 +88,7 @@ void PointElimination::CollectTracks() {
 }
 
 std::vector<bool> PointElimination::ObservedCameras() const {
-  std::vector<bool> observed(scene_->cameras.size(), false);
+  std::vector<bool> observed(scene_.cameras.size(), false);
   for (const Track::Observation& observation : observations_) {
     observed[observation.camera_idx] = true;
   }

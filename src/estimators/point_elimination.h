@@ -15,6 +15,7 @@
 #include "src/estimators/linearization.h"
 #include "src/estimators/normal_equations.h"
 #include "src/estimators/track_solver.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -24,11 +25,13 @@ class PointElimination {
   using States = std::vector<CameraState>;
   using Points = std::vector<Eigen::Vector3d>;
 
-  // Takes the tracks that take part from the scene, whose cameras have the
-  // given states. Options and scene must outlive this.
+  // Takes the tracks that take part from the scene. `states`: of the estimate's
+  // cameras. Moves the points of `estimate`, nothing else. All must outlive
+  // this.
   PointElimination(const FixedExtrinsicsOptions& options,
                    const States& states,
-                   Scene* scene);
+                   const Scene& scene,
+                   Estimate* estimate);
 
   // Of the cameras that are observed.
   const ReducedParams& Params() const { return params_; }
@@ -72,7 +75,7 @@ class PointElimination {
 
   bool LeavesOut(const TrackSolver::Minimum& minimum) const;
 
-  void CollectTracks();
+  void CollectTracks(Estimate* estimate);
   std::vector<bool> ObservedCameras() const;
   void PartitionTracks();
 
@@ -101,7 +104,7 @@ class PointElimination {
   }
 
   const FixedExtrinsicsOptions& options_;
-  Scene* scene_;
+  const Scene& scene_;
   std::vector<Track::Observation> observations_;
   std::vector<Track> tracks_;
   std::vector<TrackIndex> track_idxs_;  // in the scene, ascending

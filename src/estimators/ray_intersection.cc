@@ -84,21 +84,25 @@ std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays) {
 }
 
 void MovePointsToTheFront(const std::vector<CameraState>& states,
-                          Scene* scene) {
-  for (Frame& frame : scene->frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
-      const auto count_in_front = [&](const Eigen::Vector3d& xyz) {
+                          const Scene& scene,
+                          Estimate* estimate) {
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const Frame& frame = scene.frames[f];
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
+      Eigen::Vector3d& xyz = estimate->frames[f].points[i];
+      const auto count_in_front = [&](const Eigen::Vector3d& point) {
         size_t count = 0;
         for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
              ++k) {
           const CameraState& state =
               states[frame.images[frame.observations[k].image_idx].camera_idx];
-          count += state.rotation.row(2).dot(xyz) + state.translation.z() > 0.0;
+          count +=
+              state.rotation.row(2).dot(point) + state.translation.z() > 0.0;
         }
         return count;
       };
       const size_t length = frame.track_begins[i + 1] - frame.track_begins[i];
-      const size_t num_in_front = count_in_front(frame.points[i]);
+      const size_t num_in_front = count_in_front(xyz);
       if (num_in_front == length) continue;
       std::vector<Ray> rays;
       for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
@@ -107,7 +111,7 @@ void MovePointsToTheFront(const std::vector<CameraState>& states,
         const size_t camera_idx =
             frame.images[observation.image_idx].camera_idx;
         Ray ray;
-        if (UnprojectRay(*scene->cameras[camera_idx].model,
+        if (UnprojectRay(*scene.cameras[camera_idx].model,
                          states[camera_idx],
                          observation.xy,
                          &ray)) {
@@ -117,7 +121,7 @@ void MovePointsToTheFront(const std::vector<CameraState>& states,
       const std::vector<Eigen::Vector3d> intersections = RayIntersections(rays);
       if (!intersections.empty() &&
           count_in_front(intersections[0]) > num_in_front) {
-        frame.points[i] = intersections[0];
+        xyz = intersections[0];
       }
     }
   }

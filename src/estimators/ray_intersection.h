@@ -7,6 +7,7 @@
 #include <Eigen/Core>
 
 #include "src/estimators/linearization.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -39,6 +40,8 @@ std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays);
 
 // Moves points that are behind cameras to where their rays meet, if that is in
 // front of more of them. `states`: of the rig's cameras.
-void MovePointsToTheFront(const std::vector<CameraState>& states, Scene* scene);
+void MovePointsToTheFront(const std::vector<CameraState>& states,
+                          const Scene& scene,
+                          Estimate* estimate);
 
 }  // namespace mfir

@@ -122,16 +122,18 @@ void CompareWithOthers(const std::vector<std::optional<CameraDrift>>& drifts,
 }
 
 // Rotation vectors (degrees) from the known to the frames' rotations.
-std::vector<std::vector<Eigen::Vector3d>> RotationVectors(const Scene& scene) {
+std::vector<std::vector<Eigen::Vector3d>> RotationVectors(
+    const Scene& scene, const Estimate& estimate) {
   std::vector<std::vector<Eigen::Vector3d>> by_camera(scene.cameras.size());
-  for (const Frame& frame : scene.frames) {
-    for (const FrameImage& image : frame.images) {
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const std::vector<FrameImage>& images = scene.frames[f].images;
+    for (size_t i = 0; i < images.size(); ++i) {
+      const size_t camera_idx = images[i].camera_idx;
       const Eigen::AngleAxisd difference(
-          image.cam_from_world.rotation *
-          scene.cameras[image.camera_idx]
-              .known_cam_from_world.rotation.conjugate());
-      by_camera[image.camera_idx].push_back(difference.angle() * 180.0 / M_PI *
-                                            difference.axis());
+          estimate.frames[f].images[i].cam_from_world.rotation *
+          scene.cameras[camera_idx].cam_from_world.rotation.conjugate());
+      by_camera[camera_idx].push_back(difference.angle() * 180.0 / M_PI *
+                                      difference.axis());
     }
   }
   return by_camera;
@@ -167,9 +169,10 @@ std::vector<std::optional<CameraDrift>> FindDrifts(
   return compared;
 }
 
-std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene) {
+std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
+                                                    const Estimate& estimate) {
   const std::vector<std::vector<Eigen::Vector3d>> rotations =
-      RotationVectors(scene);
+      RotationVectors(scene, estimate);
   std::vector<PoseDisagreement> disagreements(scene.cameras.size());
   for (size_t i = 0; i < rotations.size(); ++i) {
     if (rotations[i].empty()) continue;

@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -52,10 +53,12 @@ struct PoseDisagreement {
   bool is_moved = false;
 };
 
-// Compares the poses of the aligned frames' images (cam_from_world) with
-// known_cam_from_world. A camera is moved if its angle is above 0.05 degrees, 4
-// times its scatter and 5 times the angle of the other cameras, in most of the
-// frames that it is in. Frames whose poses are RIG's own tell nothing.
-std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene);
+// Compares the poses of the aligned frames' images, as `estimate` has them,
+// with those of the scene's cameras. A camera is moved if its angle is above
+// 0.05 degrees, 4 times its scatter and 5 times the angle of the other cameras,
+// in most of the frames that it is in. Frames whose poses are RIG's own tell
+// nothing.
+std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
+                                                    const Estimate& estimate);
 
 }  // namespace mfir

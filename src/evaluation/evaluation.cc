@@ -272,14 +272,14 @@ std::string FirstNames(const CamerasByName& cameras) {
 
 }  // namespace
 
-Evaluation EvaluateIntrinsics(const std::vector<FrameEstimate>& estimates,
+Evaluation EvaluateIntrinsics(const std::vector<FrameIntrinsics>& estimates,
                               const std::vector<CameraIntrinsics>& truth) {
   const CamerasByName truth_by_name = IndexByName(truth, "");
   CamerasByName all_estimated(&CameraNameLess);
   Names evaluated(&CameraNameLess);
   Names extra(&CameraNameLess);
   Evaluation evaluation;
-  for (const FrameEstimate& estimate : estimates) {
+  for (const FrameIntrinsics& estimate : estimates) {
     const CamerasByName estimated =
         IndexByName(estimate.cameras, estimate.frame_name);
     all_estimated.insert(estimated.begin(), estimated.end());

@@ -27,7 +27,7 @@ struct CameraIntrinsics {
 };
 
 // Intrinsics estimated from one frame, or from all of them together.
-struct FrameEstimate {
+struct FrameIntrinsics {
   std::string frame_name;  // for messages; empty for a multi-frame result
   std::vector<CameraIntrinsics> cameras;
 };
@@ -114,7 +114,7 @@ struct Evaluation {
 // Throws InputError for: no camera in common, different intrinsics of one
 // camera in one estimate, different image sizes, and missing or non-finite
 // parameters or a focal length <= 0 of a compared camera.
-Evaluation EvaluateIntrinsics(const std::vector<FrameEstimate>& estimates,
+Evaluation EvaluateIntrinsics(const std::vector<FrameIntrinsics>& estimates,
                               const std::vector<CameraIntrinsics>& truth);
 
 // The "evaluation" of summary.json and the file of the evaluator. "cameras"

@@ -56,17 +56,22 @@ std::vector<double> RobustStdByCamera(
   return stds_px;
 }
 
-std::vector<double> OwnSquaredResiduals(const Scene& scene) {
+std::vector<double> OwnSquaredResiduals(const Scene& scene,
+                                        const Estimate& estimate) {
   std::vector<double> squared_residuals;
-  for (const Frame& frame : scene.frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const Frame& frame = scene.frames[f];
+    const FrameEstimate& own = estimate.frames[f];
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
       for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
            ++k) {
         const Observation& observation = frame.observations[k];
-        const FrameImage& image = frame.images[observation.image_idx];
-        const Eigen::Vector3d p = image.cam_from_world * frame.points[i];
+        const ImageEstimate& image = own.images[observation.image_idx];
+        const size_t camera_idx =
+            frame.images[observation.image_idx].camera_idx;
+        const Eigen::Vector3d p = image.cam_from_world * own.points[i];
         Eigen::Vector2d xy;
-        scene.cameras[image.camera_idx].model->Project(
+        scene.cameras[camera_idx].model->Project(
             image.params.data(), p.x() / p.z(), p.y() / p.z(), xy.data());
         const double squared = (xy - observation.xy).squaredNorm();
         squared_residuals.push_back(
@@ -99,7 +104,7 @@ std::vector<ExtrinsicsContradiction> FindExtrinsicsContradictions(
 
 SpoiltCameras CountSpoiltCameras(
     const Scene& scene,
-    const std::vector<std::vector<double>>& initial_params,
+    const Estimate& estimate,
     const std::vector<ExtrinsicsContradiction>& contradictions,
     const std::vector<double>& stds_px,
     const std::vector<double>& own_stds_px) {
@@ -115,7 +120,7 @@ SpoiltCameras CountSpoiltCameras(
     ++count.num_others;
     count.num_spoilt +=
         IsBad(stds_px[i], own_stds_px[i]) ||
-        FocalLengthHasRunAway(scene.cameras[i], initial_params[i]);
+        FocalLengthHasRunAway(estimate.cameras[i], scene.cameras[i].params);
   }
   return count;
 }

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -16,9 +17,10 @@ namespace mfir {
 std::vector<double> RobustStdByCamera(
     const Scene& scene, const std::vector<double>& squared_residuals);
 
-// Squared residual norms (px^2) under the frames' own poses, intrinsics and
-// points; infinite for points behind the camera.
-std::vector<double> OwnSquaredResiduals(const Scene& scene);
+// Squared residual norms (px^2) under the poses, intrinsics and points of
+// Estimate::frames; infinite for points behind the camera.
+std::vector<double> OwnSquaredResiduals(const Scene& scene,
+                                        const Estimate& estimate);
 
 struct ExtrinsicsContradiction {
   size_t camera_idx = 0;
@@ -48,13 +50,13 @@ struct SpoiltCameras {
 };
 
 // A camera is spoilt if a focal length has changed by more than a factor of two
-// from `initial_params` (by camera), or if its residuals are more than three
+// from its start in the scene, or if its residuals are more than three
 // times those in the frames' own reconstructions, and above half a pixel. In
 // small arrays the others cannot outvote a wrong camera: then most are spoilt,
 // whether or not the solve has converged.
 SpoiltCameras CountSpoiltCameras(
     const Scene& scene,
-    const std::vector<std::vector<double>>& initial_params,
+    const Estimate& estimate,
     const std::vector<ExtrinsicsContradiction>& contradictions,
     const std::vector<double>& stds_px,
     const std::vector<double>& own_stds_px);

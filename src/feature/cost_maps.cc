@@ -333,16 +333,17 @@ class FrameCostMaps {
 
 }  // namespace
 
-void ComputeCostMaps(const CostMapOptions& options,
-                     DenseFeatureSource* source,
-                     const CostMapCallback& callback,
-                     Scene* scene) {
+Scene ComputeCostMaps(const CostMapOptions& options,
+                      DenseFeatureSource* source,
+                      const CostMapCallback& callback,
+                      Scene scene) {
   Backend backend(options);
-  for (size_t i = 0; i < scene->frames.size(); ++i) {
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
     FrameCostMaps frame_cost_maps(
-        options, source, &backend, *scene, &scene->frames[i]);
+        options, source, &backend, scene, &scene.frames[i]);
     callback(i, frame_cost_maps.Compute());
   }
+  return scene;
 }
 
 }  // namespace mfir

@@ -44,10 +44,10 @@ struct CostMapSummary {
 using CostMapCallback =
     std::function<void(size_t frame_idx, const CostMapSummary& summary)>;
 
-// Computes the cost maps of all frames: for every track the reference feature
-// (eq. "reference feature" of the paper), and for every observation the cost
-// map of its patch (eq. "cost map"). An observation has none (cost_map_idx =
-// -1) if the source has no feature for it, the feature is not finite, or the
+// The scene with the cost maps of all frames: for every track the reference
+// feature (eq. "reference feature" of the paper), and for every observation the
+// cost map of its patch (eq. "cost map"). An observation has none (cost_map_idx
+// = -1) if the source has no feature for it, the feature is not finite, or the
 // track has fewer than two features: alone, a feature says nothing.
 //
 // Peak memory beyond the cost maps (3 * 2 * patch_size^2 bytes per
@@ -57,9 +57,9 @@ using CostMapCallback =
 //
 // Throws InputError: an image or patches that cannot be used; UsageError:
 // use_gpu = 1 without a GPU.
-void ComputeCostMaps(const CostMapOptions& options,
-                     DenseFeatureSource* source,
-                     const CostMapCallback& callback,
-                     Scene* scene);
+Scene ComputeCostMaps(const CostMapOptions& options,
+                      DenseFeatureSource* source,
+                      const CostMapCallback& callback,
+                      Scene scene);
 
 }  // namespace mfir

@@ -133,11 +133,11 @@ bool FindCostMapMinimum(const CostMaps& cost_maps,
   return true;
 }
 
-void FindFeatureKeypoints(int num_threads, Scene* scene) {
-  std::vector<std::vector<FoundMinimum>> minima(scene->frames.size());
-  ParallelFor(scene->frames.size(), num_threads, [&](size_t i) {
-    if (scene->frames[i].cost_maps != nullptr) {
-      minima[i] = FindMinima(scene->frames[i]);
+Scene FindFeatureKeypoints(int num_threads, Scene scene) {
+  std::vector<std::vector<FoundMinimum>> minima(scene.frames.size());
+  ParallelFor(scene.frames.size(), num_threads, [&](size_t i) {
+    if (scene.frames[i].cost_maps != nullptr) {
+      minima[i] = FindMinima(scene.frames[i]);
     }
   });
   std::vector<double> squared_distances;
@@ -146,7 +146,7 @@ void FindFeatureKeypoints(int num_threads, Scene* scene) {
       squared_distances.push_back(found.minimum.min_squared_distance);
     }
   }
-  if (squared_distances.empty()) return;
+  if (squared_distances.empty()) return scene;
   const double typical_distance =
       std::max(UpperMedian(std::move(squared_distances)), 1e-12);
   const auto information = [&](const CostMapMinimum& minimum) {
@@ -160,8 +160,8 @@ void FindFeatureKeypoints(int num_threads, Scene* scene) {
     }
   }
   const double typical = UpperMedian(std::move(informations));
-  for (size_t i = 0; i < scene->frames.size(); ++i) {
-    Frame& frame = scene->frames[i];
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    Frame& frame = scene.frames[i];
     if (frame.cost_maps == nullptr) continue;
     frame.feature_keypoints.assign(frame.cost_maps->placements.size(), {});
     for (const FoundMinimum& found : minima[i]) {
@@ -171,6 +171,7 @@ void FindFeatureKeypoints(int num_threads, Scene* scene) {
       keypoint.whitening = Whitening(information(found.minimum), typical);
     }
   }
+  return scene;
 }
 
 }  // namespace mfir

@@ -24,12 +24,12 @@ bool FindCostMapMinimum(const CostMaps& cost_maps,
                         const Eigen::Vector2d& keypoint,
                         CostMapMinimum* minimum);
 
-// Sets Frame::feature_keypoints of all frames from their cost maps. With F the
-// feature at xy and f the reference, noise of F displaces the minimum with a
-// covariance proportional to (|F - f|^2 + typical |F - f|^2) / sharpness: that
-// is the relative weight, and one number, the noise of a typical feature in
-// pixels, remains to be estimated from residuals. Directions in which a feature
-// is vague (an edge, no texture) get no weight.
-void FindFeatureKeypoints(int num_threads, Scene* scene);
+// The scene with Frame::feature_keypoints from the cost maps of its frames.
+// With F the feature at xy and f the reference, noise of F displaces the
+// minimum with a covariance proportional to (|F - f|^2 + typical |F - f|^2) /
+// sharpness: that is the relative weight, and one number, the noise of a
+// typical feature in pixels, remains to be estimated from residuals. Directions
+// in which a feature is vague (an edge, no texture) get no weight.
+Scene FindFeatureKeypoints(int num_threads, Scene scene);
 
 }  // namespace mfir

@@ -3,16 +3,17 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <memory>
+#include <utility>
 
 #include <ceres/loss_function.h>
 
 #include "src/estimators/fixed_extrinsics_solver.h"
+#include "src/estimators/noise_samples.h"
 #include "src/estimators/scale_mixture_loss.h"
+#include "src/refinement/initial_intrinsics.h"
 #include "src/scene/residual_statistics.h"
 #include "src/scene/static_point_search.h"
-#include "src/util/median.h"
 
 namespace mfir {
 namespace {
@@ -71,10 +72,15 @@ class CauchyLosses {
 
 class Refiner {
  public:
+  // Options, callback and scene must outlive this.
   Refiner(const MultiFrameOptions& options,
           const StageCallback& callback,
-          Scene* scene)
-      : options_(options), callback_(callback), scene_(scene) {}
+          const Scene& scene,
+          Estimate start)
+      : options_(options),
+        callback_(callback),
+        scene_(scene),
+        estimate_(std::move(start)) {}
 
   RefinementResult Run(bool from_frames) {
     std_px_ = RobustStd(Samples({}).keypoints);
@@ -112,6 +118,7 @@ class Refiner {
               kStepTolerance,
               losses.cost_maps == nullptr ? kTolerance : kCostMapTolerance);
     RefinementResult result;
+    result.estimate = estimate_;
     result.converged = summary.converged;
     result.last_step_stds = summary.last_step_stds;
     result.last_focal_change = summary.last_focal_change;
@@ -134,8 +141,8 @@ class Refiner {
 
   bool HasFeatures() const {
     return options_.featuremetric_weight > 0.0 &&
-           std::any_of(scene_->frames.begin(),
-                       scene_->frames.end(),
+           std::any_of(scene_.frames.begin(),
+                       scene_.frames.end(),
                        [](const Frame& frame) {
                          return !frame.feature_keypoints.empty();
                        });
@@ -144,8 +151,8 @@ class Refiner {
   bool HasCostMaps() const {
     return options_.featuremetric_weight > 0.0 &&
            std::any_of(
-               scene_->frames.begin(),
-               scene_->frames.end(),
+               scene_.frames.begin(),
+               scene_.frames.end(),
                [](const Frame& frame) { return frame.cost_maps != nullptr; });
   }
 
@@ -184,10 +191,10 @@ class Refiner {
     solver_options.parameter_tolerance = parameter_tolerance;
     if (name == "final") {
       solver_options.compute_covariance = true;
-      solver_options.repeated_tracks = FindStaticPoints(*scene_);
+      solver_options.repeated_tracks = FindStaticPoints(scene_);
     }
     solver_options.num_threads = options_.EffectiveNumThreads();
-    for (const RigCamera& camera : scene_->cameras) {
+    for (const RigCamera& camera : scene_.cameras) {
       solver_options.constant_cameras.push_back(camera.constant_intrinsics);
     }
     solver_options.rotation_std =
@@ -202,12 +209,12 @@ class Refiner {
     solver_options.weak_distortion_prior = options_.min_information != 0.0;
     double weight_sum = 0.0;
     double num_observations = 0.0;
-    for (const Frame& frame : scene_->frames) {
+    for (const Frame& frame : scene_.frames) {
       // Estimated noise is that of every observation, whatever its frame.
       const double divisor =
           EstimatesLoss() ? 1.0
                           : static_cast<double>(
-                                scene_->frames.size() *
+                                scene_.frames.size() *
                                 std::max<size_t>(frame.observations.size(), 1));
       const double weight = options_.reprojection_weight / divisor;
       solver_options.frame_weights.push_back(weight);
@@ -218,8 +225,9 @@ class Refiner {
     solver_options.prior_weight =
         weight_sum / std::max(num_observations, 1.0) *
         (losses.is_likelihood ? 1.0 : std_px_ * std_px_);
-    const FixedExtrinsicsSummary summary =
-        SolveFixedExtrinsics(solver_options, scene_);
+    FixedExtrinsicsSummary summary =
+        SolveFixedExtrinsics(solver_options, scene_, std::move(estimate_));
+    estimate_ = std::move(summary.estimate);
 
     Stage stage;
     stage.name = name;
@@ -236,7 +244,7 @@ class Refiner {
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start)
             .count();
     stage.termination = summary.converged ? "converged" : "max_num_iterations";
-    stage.rms_px = InlierRms(SquaredResiduals(*scene_));
+    stage.rms_px = InlierRms(SquaredResiduals(scene_, estimate_));
     callback_(stage);
     return summary;
   }
@@ -267,7 +275,8 @@ class Refiner {
   }
 
   NoiseSampleSets Samples(const Losses& losses) const {
-    NoiseSampleSets sets = NoiseSamples(*scene_,
+    NoiseSampleSets sets = NoiseSamples(scene_,
+                                        estimate_,
                                         losses.keypoints,
                                         losses.features,
                                         options_.EffectiveNumThreads());
@@ -283,19 +292,26 @@ class Refiner {
 
   const MultiFrameOptions& options_;
   const StageCallback& callback_;
-  Scene* scene_;
+  const Scene& scene_;
+  Estimate estimate_;
   double std_px_ = 0.0;
   // Of a typical feature; 0: features take no part (yet).
   double feature_std_px_ = 0.0;
 };
 
 // The frame as a scene of its own, its images' intrinsics those of the rig.
-Scene SingleFrameScene(const Scene& scene, size_t frame_idx) {
-  Scene single;
-  single.cameras = scene.cameras;
-  single.frames = {scene.frames[frame_idx]};
-  for (const FrameImage& image : single.frames[0].images) {
-    single.cameras[image.camera_idx].params = image.params;
+SceneEstimate SingleFrame(const Scene& scene,
+                          const Estimate& estimate,
+                          size_t frame_idx) {
+  SceneEstimate single;
+  single.scene.cameras = scene.cameras;
+  single.scene.frames = {scene.frames[frame_idx]};
+  single.estimate.cameras = estimate.cameras;
+  single.estimate.frames = {estimate.frames[frame_idx]};
+  const std::vector<FrameImage>& images = scene.frames[frame_idx].images;
+  for (size_t i = 0; i < images.size(); ++i) {
+    single.estimate.cameras[images[i].camera_idx].params =
+        estimate.frames[frame_idx].images[i].params;
   }
   return single;
 }
@@ -305,181 +321,138 @@ bool HasIntrinsicsPrior(const MultiFrameOptions& options) {
          options.prior_principal_point_std > 0.0;
 }
 
-void SetMedianIntrinsics(Scene* scene) {
-  for (size_t i = 0; i < scene->cameras.size(); ++i) {
-    RigCamera& camera = scene->cameras[i];
-    if (camera.model == nullptr) continue;
-    camera.params.resize(camera.model->NumParams());
-    for (size_t j = 0; j < camera.params.size(); ++j) {
-      std::vector<double> values;
-      for (const Frame& frame : scene->frames) {
-        for (const FrameImage& image : frame.images) {
-          if (image.camera_idx == i) values.push_back(image.params[j]);
-        }
-      }
-      if (!values.empty()) camera.params[j] = Median(values);
-    }
+// Adds what the solve of one of `num_frames` frames has found.
+void AddFrameResult(const RefinementResult& frame,
+                    double num_frames,
+                    RefinementResult* sum) {
+  sum->converged = sum->converged && frame.converged;
+  sum->last_step_stds = std::max(sum->last_step_stds, frame.last_step_stds);
+  sum->last_focal_change =
+      std::max(sum->last_focal_change, frame.last_focal_change);
+  for (size_t c = 0; c < sum->held_cameras.size(); ++c) {
+    sum->held_cameras[c] = sum->held_cameras[c] || frame.held_cameras[c];
   }
+  sum->noise_std_px += frame.noise_std_px / num_frames;
+  sum->outlier_share += frame.outlier_share / num_frames;
+  sum->feature_noise_std_px += frame.feature_noise_std_px / num_frames;
+  if (sum->covariance.size() == 0) {
+    sum->covariance.setZero(frame.covariance.rows(), frame.covariance.cols());
+  }
+  sum->covariance += frame.covariance;
 }
 
-// COLMAP's limits of what is no bogus camera. Structure from motion with few
-// images of a camera ends anywhere.
-bool IsPlausible(const RigCamera& camera, const std::vector<double>& params) {
-  const double max_size =
-      static_cast<double>(std::max(camera.width, camera.height));
-  for (const size_t idx : camera.model->FocalLengthIdxs()) {
-    const double ratio = params[idx] / max_size;
-    if (!(ratio >= 0.1 && ratio <= 10.0)) return false;
-  }
-  const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
-  return params[idxs[0]] >= 0.0 && params[idxs[0]] <= camera.width &&
-         params[idxs[1]] >= 0.0 && params[idxs[1]] <= camera.height;
-}
-
-// Replaces the medians of cameras that have implausible intrinsics in some
-// frames by those of the others; without any, focal lengths by the median of
-// the array's cameras of the same model and image size, and principal points by
-// the image centre.
-void ReplaceImplausibleIntrinsics(Scene* scene) {
-  Scene plausible;
-  plausible.cameras = scene->cameras;
-  for (const Frame& frame : scene->frames) {
-    plausible.frames.emplace_back();
-    for (const FrameImage& image : frame.images) {
-      if (IsPlausible(scene->cameras[image.camera_idx], image.params)) {
-        plausible.frames.back().images.push_back(image);
-      }
-    }
-  }
-  SetMedianIntrinsics(&plausible);
-  scene->cameras = plausible.cameras;
-  for (RigCamera& camera : scene->cameras) {
-    if (camera.model == nullptr || IsPlausible(camera, camera.params)) continue;
-    for (const size_t idx : camera.model->FocalLengthIdxs()) {
-      std::vector<double> focal_lengths;
-      for (const RigCamera& other : plausible.cameras) {
-        if (other.model == camera.model && other.width == camera.width &&
-            other.height == camera.height && IsPlausible(other, other.params)) {
-          focal_lengths.push_back(other.params[idx]);
-        }
-      }
-      if (!focal_lengths.empty()) camera.params[idx] = Median(focal_lengths);
-    }
-    const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
-    camera.params[idxs[0]] = 0.5 * static_cast<double>(camera.width);
-    camera.params[idxs[1]] = 0.5 * static_cast<double>(camera.height);
-  }
-}
-
-}  // namespace
-
-void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene) {
-  SetMedianIntrinsics(scene);
-  ReplaceImplausibleIntrinsics(scene);
-  for (RigCamera& camera : scene->cameras) {
-    camera.prior_params = camera.params;
-  }
-  for (Frame& frame : scene->frames) {
-    for (FrameImage& image : frame.images) {
-      const RigCamera& camera = scene->cameras[image.camera_idx];
-      const auto hold = [&](bool refine, const std::vector<size_t>& idxs) {
-        for (const size_t idx : idxs) {
-          if (!refine) image.params[idx] = camera.params[idx];
-        }
-      };
-      if (camera.constant_intrinsics) image.params = camera.params;
-      hold(options.refine_focal_length, camera.model->FocalLengthIdxs());
-      hold(options.refine_principal_point, camera.model->PrincipalPointIdxs());
-      hold(options.refine_extra_params, camera.model->ExtraParamsIdxs());
-    }
-  }
-}
-
-RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
-                                       bool from_frames,
-                                       const StageCallback& callback,
-                                       Scene* scene) {
-  if (!options.SingleFrameMode()) {
-    return Refiner(options, callback, scene).Run(from_frames);
-  }
-  RefinementResult result;
-  result.converged = true;
-  result.held_cameras.assign(scene->cameras.size(), false);
-  for (size_t i = 0; i < scene->frames.size(); ++i) {
-    Scene single = SingleFrameScene(*scene, i);
-    if (from_frames && !HasIntrinsicsPrior(options)) {
-      // What is held stays at the start of the frame, whatever the others are.
-      for (RigCamera& camera : single.cameras) {
-        camera.prior_params = camera.params;
-      }
-    }
-    const RefinementResult frame_result =
-        Refiner(options, callback, &single).Run(from_frames);
-    scene->frames[i] = std::move(single.frames[0]);
-    for (FrameImage& image : scene->frames[i].images) {
-      image.params = single.cameras[image.camera_idx].params;
-    }
-    const double num_frames = static_cast<double>(scene->frames.size());
-    result.converged = result.converged && frame_result.converged;
-    result.last_step_stds =
-        std::max(result.last_step_stds, frame_result.last_step_stds);
-    result.last_focal_change =
-        std::max(result.last_focal_change, frame_result.last_focal_change);
-    for (size_t c = 0; c < result.held_cameras.size(); ++c) {
-      result.held_cameras[c] =
-          result.held_cameras[c] || frame_result.held_cameras[c];
-    }
-    result.noise_std_px += frame_result.noise_std_px / num_frames;
-    result.outlier_share += frame_result.outlier_share / num_frames;
-    result.feature_noise_std_px +=
-        frame_result.feature_noise_std_px / num_frames;
-    if (i == 0)
-      result.covariance.setZero(frame_result.covariance.rows(),
-                                frame_result.covariance.cols());
-    result.covariance += frame_result.covariance;
-  }
-  // Of the mean over the independent frames that have the camera; the median is
-  // about as good.
-  Eigen::VectorXd inverse_counts(result.covariance.rows());
-  Eigen::Index k = 0;
-  for (size_t c = 0; c < scene->cameras.size(); ++c) {
+// By intrinsic parameter: 1 / number of images of its camera.
+Eigen::VectorXd InverseImageCounts(const Scene& scene) {
+  std::vector<double> inverse_counts;
+  for (size_t c = 0; c < scene.cameras.size(); ++c) {
     double count = 0.0;
-    for (const Frame& frame : scene->frames) {
+    for (const Frame& frame : scene.frames) {
       for (const FrameImage& image : frame.images) {
         count += image.camera_idx == c;
       }
     }
-    for (size_t j = 0; j < scene->cameras[c].params.size(); ++j) {
-      inverse_counts(k++) = 1.0 / std::max(count, 1.0);
-    }
+    inverse_counts.resize(
+        inverse_counts.size() + scene.cameras[c].params.size(),
+        1.0 / std::max(count, 1.0));
   }
+  return Eigen::Map<Eigen::VectorXd>(inverse_counts.data(),
+                                     inverse_counts.size());
+}
+
+// Every frame on its own.
+RefinementResult RefineSingleFrames(const MultiFrameOptions& options,
+                                    bool from_frames,
+                                    const StageCallback& callback,
+                                    const Scene& scene,
+                                    Estimate start) {
+  RefinementResult result;
+  result.converged = true;
+  result.held_cameras.assign(scene.cameras.size(), false);
+  result.estimate = std::move(start);
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    SceneEstimate single = SingleFrame(scene, result.estimate, i);
+    if (from_frames && !HasIntrinsicsPrior(options)) {
+      // What is held stays at the start of the frame, whatever the others are.
+      for (size_t c = 0; c < scene.cameras.size(); ++c) {
+        single.scene.cameras[c].params = single.estimate.cameras[c].params;
+      }
+    }
+    RefinementResult frame_result =
+        Refiner(options, callback, single.scene, std::move(single.estimate))
+            .Run(from_frames);
+    const Estimate& refined = frame_result.estimate;
+    FrameEstimate& frame = result.estimate.frames[i];
+    frame.points = refined.frames[0].points;
+    for (size_t j = 0; j < frame.images.size(); ++j) {
+      frame.images[j].params =
+          refined.cameras[scene.frames[i].images[j].camera_idx].params;
+    }
+    AddFrameResult(
+        frame_result, static_cast<double>(scene.frames.size()), &result);
+  }
+  // Of the mean over the independent frames that have the camera; the median is
+  // about as good.
+  const Eigen::VectorXd inverse_counts = InverseImageCounts(scene);
   result.covariance = inverse_counts.asDiagonal() * result.covariance *
                       inverse_counts.asDiagonal();
-  SetMedianIntrinsics(scene);
+  result.estimate.cameras = WithMedianIntrinsics(
+      scene, result.estimate.frames, std::move(result.estimate.cameras));
   return result;
 }
 
-double EstimateCauchyScale(const Scene& scene) {
+}  // namespace
+
+RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
+                                       bool from_frames,
+                                       const StageCallback& callback,
+                                       const Scene& scene,
+                                       Estimate start) {
+  if (options.SingleFrameMode()) {
+    return RefineSingleFrames(
+        options, from_frames, callback, scene, std::move(start));
+  }
+  return Refiner(options, callback, scene, std::move(start)).Run(from_frames);
+}
+
+Estimate FitPoints(const MultiFrameOptions& options,
+                   const Scene& scene,
+                   Estimate estimate) {
+  MultiFrameOptions points_only = options;
+  points_only.refine_focal_length = false;
+  points_only.refine_principal_point = false;
+  points_only.refine_extra_params = false;
+  points_only.extrinsics_rotation_std_deg = 0.0;
+  points_only.extrinsics_translation_std = 0.0;
+  return RefineFixedExtrinsics(
+             points_only, true, [](const Stage&) {}, scene, std::move(estimate))
+      .estimate;
+}
+
+double EstimateCauchyScale(const Scene& scene, const Estimate& estimate) {
   std::vector<NoiseSample> samples;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    Scene single = SingleFrameScene(scene, i);
-    for (const FrameImage& image : single.frames[0].images) {
-      single.cameras[image.camera_idx].cam_from_world = image.cam_from_world;
+    SceneEstimate single = SingleFrame(scene, estimate, i);
+    const std::vector<FrameImage>& images = scene.frames[i].images;
+    for (size_t j = 0; j < images.size(); ++j) {
+      single.estimate.cameras[images[j].camera_idx].cam_from_world =
+          estimate.frames[i].images[j].cam_from_world;
     }
     const std::vector<NoiseSample> frame_samples =
-        NoiseSamples(single, nullptr, nullptr).keypoints;
+        NoiseSamples(single.scene, single.estimate, nullptr, nullptr).keypoints;
     samples.insert(samples.end(), frame_samples.begin(), frame_samples.end());
   }
   return std::max(1e-3, kCauchyScaleInStds * RobustStd(std::move(samples)));
 }
 
 std::vector<double> SquaredResiduals(const Scene& scene,
+                                     const Estimate& estimate,
                                      bool single_frame_mode) {
-  if (!single_frame_mode) return SquaredResiduals(scene);
+  if (!single_frame_mode) return SquaredResiduals(scene, estimate);
   std::vector<double> squared_residuals;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const SceneEstimate single = SingleFrame(scene, estimate, i);
     const std::vector<double> frame_residuals =
-        SquaredResiduals(SingleFrameScene(scene, i));
+        SquaredResiduals(single.scene, single.estimate);
     squared_residuals.insert(squared_residuals.end(),
                              frame_residuals.begin(),
                              frame_residuals.end());

@@ -9,19 +9,13 @@
 
 #include "src/refinement/options.h"
 #include "src/refinement/stage.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
 
-// Sets the intrinsics (and their priors) of the rig's cameras to the median of
-// their frames, and parameters that are not refined to the same value in all
-// frames. Images whose focal length is not 0.1 to 10 times the larger image
-// side, or whose principal point is outside of the image, do not count; a
-// camera that has no others starts from the array's median focal length and the
-// image centre.
-void InitializeIntrinsics(const MultiFrameOptions& options, Scene* scene);
-
 struct RefinementResult {
+  Estimate estimate;
   bool converged = false;
   // See FixedExtrinsicsSummary.
   double last_step_stds = 0.0;
@@ -52,20 +46,28 @@ struct RefinementResult {
 // the frames' reconstructions, not from a schedule: approach in solves with a
 // shrinking Cauchy scale first.
 //
-// Extrinsics stay as they are, or, with extrinsics_*_std (the translation in
-// units of the scene), cam_from_world of the rig's cameras is corrected.
+// Extrinsics stay as they are in `start`, or, with extrinsics_*_std (the
+// translation in units of the scene), are corrected around those of the scene.
 RefinementResult RefineFixedExtrinsics(const MultiFrameOptions& options,
                                        bool from_frames,
                                        const StageCallback& callback,
-                                       Scene* scene);
+                                       const Scene& scene,
+                                       Estimate start);
+
+// Intersects the tracks with the intrinsics and extrinsics of the estimate,
+// which stay as they are.
+Estimate FitPoints(const MultiFrameOptions& options,
+                   const Scene& scene,
+                   Estimate estimate);
 
 // Cauchy scale (px) that suits the noise of the frames' observations under
 // their own poses and intrinsics.
-double EstimateCauchyScale(const Scene& scene);
+double EstimateCauchyScale(const Scene& scene, const Estimate& estimate);
 
 // Squared residual norms (px^2) as in fixed_extrinsics_solver.h, in
 // single-frame mode with the intrinsics of the frames.
 std::vector<double> SquaredResiduals(const Scene& scene,
+                                     const Estimate& estimate,
                                      bool single_frame_mode);
 
 }  // namespace mfir

@@ -1,5 +1,6 @@
-// Plain arrays the refiner works on: a rig of fixed cameras and, per frame, the
-// images, points and tracks of one instant.
+// What was measured: a rig of fixed cameras and, per frame, the images and
+// tracks of one instant. Plain arrays, const once they are read; what is solved
+// for is in estimate.h.
 
 #pragma once
 
@@ -20,17 +21,12 @@ namespace mfir {
 // A physical camera: bolted in place, one set of intrinsics for all frames.
 struct RigCamera {
   std::string name;
-  // World = the rig's coordinates. Known, or corrected where the extrinsics are
-  // known with a standard deviation only.
-  Rigid3 cam_from_world;
-  Rigid3 known_cam_from_world;
+  Rigid3 cam_from_world;  // world = the rig's coordinates
   // Lens; null while no image of the camera has been seen.
   const CameraModel* model = nullptr;
   size_t width = 0;
   size_t height = 0;
   std::vector<double> params;
-  // What priors on the intrinsics pull to.
-  std::vector<double> prior_params;
   // Whether the intrinsics stay at their start.
   bool constant_intrinsics = false;
 };
@@ -38,8 +34,6 @@ struct RigCamera {
 // One image of a frame.
 struct FrameImage {
   size_t camera_idx = 0;  // into Scene::cameras
-  Rigid3 cam_from_world;  // estimated; world = the frame's coordinates
-  std::vector<double> params;
   std::string name = {};  // in the model of the frame
 };
 
@@ -85,18 +79,19 @@ struct FeatureKeypoint {
   Eigen::Matrix2d whitening = Eigen::Matrix2d::Zero();
 };
 
-// One instant. The track of points[i] is
+// One instant. The track of point i is
 // observations[track_begins[i]] ... observations[track_begins[i + 1] - 1].
 struct Frame {
   std::string name;
   std::vector<FrameImage> images;
-  std::vector<Eigen::Vector3d> points;
   std::vector<size_t> track_begins = {0};
   std::vector<Observation> observations;
-  // Null without dense features. Shared, since frames are copied.
+  // Null without dense features. Shared, since selections of tracks are copies.
   std::shared_ptr<const CostMaps> cost_maps;
   // By index of the cost map; empty without.
   std::vector<FeatureKeypoint> feature_keypoints;
+
+  size_t NumPoints() const { return track_begins.size() - 1; }
 };
 
 // The track of a point.
@@ -111,6 +106,8 @@ struct TrackIndex {
 };
 
 struct Scene {
+  // The rig as it goes in: the known extrinsics, and the intrinsics that the
+  // refinement starts from and that priors pull to.
   std::vector<RigCamera> cameras;
   std::vector<Frame> frames;
 };

@@ -177,10 +177,10 @@ std::vector<std::vector<TrackIndex>> FindStaticPoints(const Scene& scene) {
     const Frame& frame = scene.frames[f];
     // Tracks of one frame are different points.
     std::vector<std::vector<size_t>> found;
-    for (size_t i = 0; i < frame.points.size(); ++i) {
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
       found.push_back(places.Find(frame, i));
     }
-    for (size_t i = 0; i < frame.points.size(); ++i) {
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
       places.Add(found[i], {f, i}, frame);
     }
   }

@@ -23,17 +23,18 @@ find_data() {
 
 # metrics FILE.json: one line of the evaluation.
 metrics() {
-  awk -F'[:,]' '
-    /"(focal_rel|pp_abs)": \{/ { key = $1; gsub(/[ "]/, "", key); next }
-    /"(common|rest)": \{/ { group = $1; gsub(/[ "]/, "", group) }
-    /"(focal_scale_permille|pp_shift_x_px|pp_shift_y_px)": \{/ { key = $1; gsub(/[ "]/, "", key); next }
-    /"mean"/ && key != "" { printf "%s%s %.3f  ", group == "rest" ? "rest_" : "", key, $2; key = "" }
-    END { print "" }' "$1"
+  jq -r '
+    [(to_entries[] | select(.key == "focal_rel" or .key == "pp_abs")),
+     (.common // {} | to_entries[]),
+     (.rest // {} | to_entries[] | .key = "rest_" + .key)]
+    | map(select(.value | type == "object" and has("mean")))
+    | map(select(.key | test("focal_rel|pp_abs|focal_scale_permille|pp_shift_[xy]_px")))[]
+    | "\(.key) \(.value.mean)"' "$1" | awk '{ printf "%s %.3f  ", $1, $2 } END { print "" }'
 }
 
-# number KEY FILE: the first number of the key in a JSON file.
+# number KEY FILE: the first of that key in the file, or in its field "result".
 number() {
-  sed -n "s/.*\"$1\": \([-0-9.e]*\).*/\1/p" "$2" | head -n 1
+  jq -r --arg key "$1" 'first((.result // .) | .. | objects | select(has($key)) | .[$key])' "$2"
 }
 
 # evaluate NAME INPUT TRUTH
@@ -58,47 +59,40 @@ refine() {
     --frame_list_path "$work/list.txt" --extrinsics_path "$3" \
     --output_path "$work/$1" "${@:6}" >"$work/log.txt"
   evaluate "$1" "$work/$1" "$3"
-  sed -n '/"result"/,$p' "$work/$1/summary.json" >"$work/result.json"
   printf '%-40s rms_after %.3f  held_out_rms %s px  static %s\n' "" \
-    "$(number rms_px_after "$work/result.json")" \
-    "$(number held_out_rms_px "$work/result.json")" \
-    "$(number observation_share "$work/result.json")"
+    "$(number rms_px_after "$work/$1/summary.json")" \
+    "$(number held_out_rms_px "$work/$1/summary.json")" \
+    "$(number observation_share "$work/$1/summary.json")"
 }
 
 # left_out NAME FRAMES FIRST COUNT: rms of other frames with all cameras as in the
 # result $work/NAME.
 left_out() {
   list_frames "$2" "$3" "$4" >"$work/list.txt"
-  sed -n '/^ *"cameras": \[/,/^ *"stages"/s/^ *"name": "\(.*\)",$/\1/p' \
-    "$work/$1/summary.json" >"$work/cameras.txt"
+  jq -r '.cameras[].name' "$work/$1/summary.json" >"$work/cameras.txt"
   "$colmap" multi_frame_intrinsics_refiner --input_path "$2" \
     --frame_list_path "$work/list.txt" --extrinsics_path "$work/$1/rig" \
     --output_path "$work/$1_left_out" --MultiFrame.use_prior_intrinsics 1 \
     --constant_camera_list_path "$work/cameras.txt" \
     --MultiFrame.retriangulation_rounds 0 --MultiFrame.held_out_share 0 \
     >"$work/log.txt"
-  sed -n '/"result"/,$p' "$work/$1_left_out/summary.json" >"$work/result.json"
   printf '%-40s rms %.4f px\n' "$1, frames left out" \
-    "$(number rms_px_after "$work/result.json")"
+    "$(number rms_px_after "$work/$1_left_out/summary.json")"
 }
 
 # in_stds NAME OUT1 OUT2: rms of the differences of focal lengths and principal
 # points (PINHOLE), each in units of its reported standard deviation.
 in_stds() {
-  awk -v name="$1" '
-    /"params": \[/ { key = "params"; i = 0; next }
-    /"params_std": \[/ { key = "std"; i = 0; next }
-    /\]/ { if (key == "std") ++camera[FILENAME]; key = ""; next }
-    key != "" { value[FILENAME, key, camera[FILENAME] + 0, i++] = $1 + 0 }
-    END {
-      a = ARGV[1]; b = ARGV[2]
-      for (c = 0; c < camera[a]; ++c)
-        for (i = 0; i < 4; ++i)
-          sum[i < 2] += (value[a, "params", c, i] - value[b, "params", c, i])^2 / \
-                        (value[a, "std", c, i]^2 + value[b, "std", c, i]^2)
-      printf "%-40s focal lengths %.2f, principal points %.2f stds\n", name,
-             sqrt(sum[1] / camera[a] / 2), sqrt(sum[0] / camera[a] / 2)
-    }' "$2/summary.json" "$3/summary.json"
+  jq -rs '
+    [.[0].cameras, .[1].cameras] | transpose as $pairs
+    | def rms($idxs):
+        [$pairs[] | . as [$a, $b] | $idxs[] as $i
+         | pow($a.params[$i] - $b.params[$i]; 2) /
+           (pow($a.params_std[$i]; 2) + pow($b.params_std[$i]; 2))]
+        | add / length | sqrt;
+      "\(rms([0, 1])) \(rms([2, 3]))"' "$2/summary.json" "$3/summary.json" |
+    awk -v name="$1" '{
+      printf "%-40s focal lengths %.2f, principal points %.2f stds\n", name, $1, $2 }'
 }
 
 # halves NAME FRAMES RIG HALF [OPTION...]: repeatability of the first HALF frames

@@ -28,9 +28,9 @@ refine() {
     --extrinsics_path "$work/capture/rig" --output_path "$work/result" \
     --MultiFrame.num_threads "$2" "${@:3}" >"$work/log.txt"; } 2>"$work/time.txt"
   read -r user wall <"$work/time.txt"
-  rss=$(sed -n 's/.*"peak_rss_bytes": \([0-9]*\).*/\1/p' "$work/result/summary.json")
+  rss=$(jq .peak_rss_bytes "$work/result/summary.json")
   iterations=$(awk -F, 'NR > 1 { sum += $3 } END { print sum }' "$work/result/history.csv")
-  refining=$(sed -n 's/.*"Refining intrinsics": \([0-9.]*\).*/\1/p' "$work/result/summary.json")
+  refining=$(jq '.timings_s["Refining intrinsics"]' "$work/result/summary.json")
   printf '%6d %8d %10s %10s %14.2f %10d %10d\n' \
     "$1" "$2" "$user" "$wall" "$refining" $((rss / 1048576)) "$iterations"
 }

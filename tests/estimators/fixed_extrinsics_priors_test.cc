@@ -57,59 +57,62 @@ struct ParamPriorCost {
   double std;
 };
 
-ceres::CostFunction* ParamPrior(const RigCamera& camera,
+ceres::CostFunction* ParamPrior(const RigCamera& known_camera,
                                 size_t idx,
                                 double std) {
   auto* cost = new ceres::DynamicAutoDiffCostFunction<ParamPriorCost>(
-      new ParamPriorCost{idx, camera.prior_params[idx], std});
-  cost->AddParameterBlock(static_cast<int>(camera.params.size()));
+      new ParamPriorCost{idx, known_camera.params[idx], std});
+  cost->AddParameterBlock(static_cast<int>(known_camera.params.size()));
   cost->SetNumResiduals(1);
   return cost;
 }
 
 // The objective with corrected extrinsics, for Ceres. Blocks of poses are in
 // `qvecs` and `tvecs`.
-double SolveSoftWithCeres(const FixedExtrinsicsOptions& options, Scene* scene) {
+double SolveSoftWithCeres(const FixedExtrinsicsOptions& options,
+                          SceneEstimate* scene) {
   std::vector<Eigen::Vector4d> qvecs;
   std::vector<Eigen::Vector3d> tvecs;
-  for (const RigCamera& camera : scene->cameras) {
+  for (const RigCamera& camera : scene->estimate.cameras) {
     const Eigen::Quaterniond& q = camera.cam_from_world.rotation;
     qvecs.emplace_back(q.w(), q.x(), q.y(), q.z());
     tvecs.push_back(camera.cam_from_world.translation);
   }
   ceres::Problem problem(SharedLoss());
-  for (Frame& frame : scene->frames) {
-    for (size_t i = 0; i < frame.points.size(); ++i) {
+  for (size_t f = 0; f < scene->scene.frames.size(); ++f) {
+    const Frame& frame = scene->scene.frames[f];
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
       for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
            ++k) {
         const Observation& observation = frame.observations[k];
         const size_t c = frame.images[observation.image_idx].camera_idx;
         problem.AddResidualBlock(
-            ColmapCost(*scene->cameras[c].model, observation.xy),
+            ColmapCost(*scene->estimate.cameras[c].model, observation.xy),
             const_cast<ceres::LossFunction*>(options.loss),
             qvecs[c].data(),
             tvecs[c].data(),
-            frame.points[i].data(),
-            scene->cameras[c].params.data());
+            scene->estimate.frames[f].points[i].data(),
+            scene->estimate.cameras[c].params.data());
       }
     }
   }
   const ceres::ScaledLoss weight(
       nullptr, options.prior_weight, ceres::DO_NOT_TAKE_OWNERSHIP);
   auto* loss = const_cast<ceres::ScaledLoss*>(&weight);
-  for (size_t i = 0; i < scene->cameras.size(); ++i) {
-    RigCamera& camera = scene->cameras[i];
+  for (size_t i = 0; i < scene->estimate.cameras.size(); ++i) {
+    RigCamera& camera = scene->estimate.cameras[i];
+    const RigCamera& known_camera = scene->scene.cameras[i];
     problem.SetManifold(qvecs[i].data(), new ceres::QuaternionManifold);
     problem.AddResidualBlock(
         new ceres::AutoDiffCostFunction<ScaledRotationPriorCost, 3, 4>(
             new ScaledRotationPriorCost{
-                RotationPriorCost(camera.known_cam_from_world.rotation),
+                RotationPriorCost(known_camera.cam_from_world.rotation),
                 options.rotation_std}),
         loss,
         qvecs[i].data());
     problem.AddResidualBlock(
         new ceres::AutoDiffCostFunction<CenterPriorCost, 3, 4, 3>(
-            new CenterPriorCost{camera.known_cam_from_world.Center(),
+            new CenterPriorCost{known_camera.cam_from_world.Center(),
                                 options.center_std}),
         loss,
         qvecs[i].data(),
@@ -118,15 +121,15 @@ double SolveSoftWithCeres(const FixedExtrinsicsOptions& options, Scene* scene) {
       for (const size_t idx : idxs) {
         if (std == 0.0) continue;
         problem.AddResidualBlock(
-            ParamPrior(camera, idx, std), loss, camera.params.data());
+            ParamPrior(known_camera, idx, std), loss, camera.params.data());
       }
     };
     add(options.focal_std, camera.model->FocalLengthIdxs());
     add(options.principal_point_std, camera.model->PrincipalPointIdxs());
   }
   const double cost = SolveTightly(&problem);
-  for (size_t i = 0; i < scene->cameras.size(); ++i) {
-    Rigid3& pose = scene->cameras[i].cam_from_world;
+  for (size_t i = 0; i < scene->estimate.cameras.size(); ++i) {
+    Rigid3& pose = scene->estimate.cameras[i].cam_from_world;
     pose.rotation =
         Eigen::Quaterniond(qvecs[i](0), qvecs[i](1), qvecs[i](2), qvecs[i](3));
     pose.translation = tvecs[i];
@@ -140,7 +143,7 @@ TestScene SceneWithWrongExtrinsics(double rotation_std, double center_std) {
   scene_options.num_points = 120;
   TestScene scene = MakeTestScene(scene_options);
   Random random({31});
-  for (RigCamera& camera : scene.start.cameras) {
+  for (RigCamera& camera : scene.start.estimate.cameras) {
     const Eigen::Vector3d center =
         camera.cam_from_world.Center() + RandomVector(&random, center_std);
     Rigid3& pose = camera.cam_from_world;
@@ -148,15 +151,17 @@ TestScene SceneWithWrongExtrinsics(double rotation_std, double center_std) {
         (Rotation(RandomVector(&random, rotation_std)) * pose.rotation)
             .normalized();
     pose.translation = -(pose.rotation * center);
-    camera.known_cam_from_world = pose;
   }
+  scene.start.scene.cameras = scene.start.estimate.cameras;
   return scene;
 }
 
-void ExpectSamePoses(const Scene& a, const Scene& b, double tolerance) {
-  for (size_t i = 0; i < a.cameras.size(); ++i) {
-    const Rigid3& pose = a.cameras[i].cam_from_world;
-    const Rigid3& expected = b.cameras[i].cam_from_world;
+void ExpectSamePoses(const SceneEstimate& a,
+                     const SceneEstimate& b,
+                     double tolerance) {
+  for (size_t i = 0; i < a.estimate.cameras.size(); ++i) {
+    const Rigid3& pose = a.estimate.cameras[i].cam_from_world;
+    const Rigid3& expected = b.estimate.cameras[i].cam_from_world;
     EXPECT_LT(pose.rotation.angularDistance(expected.rotation), tolerance);
     EXPECT_LT((pose.Center() - expected.Center()).norm(), tolerance);
   }
@@ -173,9 +178,9 @@ TEST(SoftExtrinsics, MinimumIsThatOfCeres) {
       options.focal_std = 3.0;
       options.principal_point_std = 1.0;
     }
-    Scene ours = SceneWithWrongExtrinsics(1e-3, 2e-3).start;
-    Scene expected = ours;
-    const FixedExtrinsicsSummary summary = SolveFixedExtrinsics(options, &ours);
+    SceneEstimate ours = SceneWithWrongExtrinsics(1e-3, 2e-3).start;
+    SceneEstimate expected = ours;
+    const FixedExtrinsicsSummary summary = Solve(options, &ours);
     EXPECT_TRUE(summary.converged);
     const double cost = SolveSoftWithCeres(options, &expected);
     EXPECT_NEAR(summary.final_cost, cost, 1e-7 * cost);
@@ -187,83 +192,87 @@ TEST(SoftExtrinsics, MinimumIsThatOfCeres) {
 TEST(SoftExtrinsics, ImproveOnWrongExtrinsics) {
   const ceres::CauchyLoss loss(2.0);
   TestScene scene = SceneWithWrongExtrinsics(2e-3, 4e-3);
-  Scene pinned = scene.start;
-  SolveFixedExtrinsics(Options(&loss), &pinned);
-  Scene soft = scene.start;
+  SceneEstimate pinned = scene.start;
+  Solve(Options(&loss), &pinned);
+  SceneEstimate soft = scene.start;
   FixedExtrinsicsOptions options = Options(&loss);
   options.rotation_std = 2e-3;
   options.center_std = 4e-3;
-  EXPECT_TRUE(SolveFixedExtrinsics(options, &soft).converged);
+  EXPECT_TRUE(Solve(options, &soft).converged);
   EXPECT_LT(MaxParamsDifference(soft, scene.truth),
             0.85 * MaxParamsDifference(pinned, scene.truth));
-  for (size_t i = 0; i < soft.cameras.size(); ++i) {
-    EXPECT_NEAR(soft.cameras[i].cam_from_world.rotation.norm(), 1.0, 1e-12);
+  for (size_t i = 0; i < soft.estimate.cameras.size(); ++i) {
+    EXPECT_NEAR(
+        soft.estimate.cameras[i].cam_from_world.rotation.norm(), 1.0, 1e-12);
   }
 }
 
 TEST(SoftExtrinsics, TinyStandardDeviationsPinThem) {
   const ceres::CauchyLoss loss(2.0);
-  const Scene start = SceneWithWrongExtrinsics(1e-4, 2e-4).start;
-  Scene pinned = start;
-  SolveFixedExtrinsics(Options(&loss), &pinned);
-  Scene soft = start;
+  const SceneEstimate start = SceneWithWrongExtrinsics(1e-4, 2e-4).start;
+  SceneEstimate pinned = start;
+  Solve(Options(&loss), &pinned);
+  SceneEstimate soft = start;
   FixedExtrinsicsOptions options = Options(&loss);
   options.rotation_std = 1e-9;
   options.center_std = 1e-9;
-  EXPECT_TRUE(SolveFixedExtrinsics(options, &soft).converged);
+  EXPECT_TRUE(Solve(options, &soft).converged);
   EXPECT_LT(MaxParamsDifference(soft, pinned), 1e-6);
   ExpectSamePoses(soft, start, 1e-7);
 }
 
 TEST(SoftExtrinsics, ResultDoesNotDependOnTheNumberOfThreads) {
   const ceres::CauchyLoss loss(2.0);
-  const Scene start = SceneWithWrongExtrinsics(1e-3, 2e-3).start;
-  Scene expected;
+  const SceneEstimate start = SceneWithWrongExtrinsics(1e-3, 2e-3).start;
+  SceneEstimate expected;
   for (const int num_threads : {1, 3}) {
-    Scene scene = start;
+    SceneEstimate scene = start;
     FixedExtrinsicsOptions options = Options(&loss);
     options.rotation_std = 1e-3;
     options.center_std = 2e-3;
     options.num_threads = num_threads;
-    SolveFixedExtrinsics(options, &scene);
+    Solve(options, &scene);
     if (num_threads == 1) expected = scene;
-    for (size_t i = 0; i < scene.cameras.size(); ++i) {
-      EXPECT_EQ(scene.cameras[i].params, expected.cameras[i].params);
-      EXPECT_EQ(scene.cameras[i].cam_from_world.translation,
-                expected.cameras[i].cam_from_world.translation);
+    for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+      EXPECT_EQ(scene.estimate.cameras[i].params,
+                expected.estimate.cameras[i].params);
+      EXPECT_EQ(scene.estimate.cameras[i].cam_from_world.translation,
+                expected.estimate.cameras[i].cam_from_world.translation);
     }
   }
 }
 
 TEST(IntrinsicsPriors, TinyStandardDeviationsPinTheRefinedOnes) {
   const ceres::CauchyLoss loss(2.0);
-  Scene scene = MakeTestScene({}).start;
-  for (RigCamera& camera : scene.cameras) camera.prior_params = camera.params;
-  const Scene start = scene;
+  SceneEstimate scene = MakeTestScene({}).start;
+  const SceneEstimate start = scene;
   FixedExtrinsicsOptions options = Options(&loss);
   options.focal_std = 1e-6;
-  EXPECT_TRUE(SolveFixedExtrinsics(options, &scene).converged);
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    const std::vector<double>& params = scene.cameras[i].params;
-    for (const size_t idx : scene.cameras[i].model->FocalLengthIdxs()) {
-      EXPECT_NEAR(params[idx], start.cameras[i].params[idx], 1e-6);
+  EXPECT_TRUE(Solve(options, &scene).converged);
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    const std::vector<double>& params = scene.estimate.cameras[i].params;
+    for (const size_t idx :
+         scene.estimate.cameras[i].model->FocalLengthIdxs()) {
+      EXPECT_NEAR(params[idx], start.estimate.cameras[i].params[idx], 1e-6);
     }
-    EXPECT_NE(params[2], start.cameras[i].params[2]);
+    EXPECT_NE(params[2], start.estimate.cameras[i].params[2]);
   }
 }
 
 TEST(ConstantCameras, AreBitIdenticalAndTheOthersAreNot) {
   const ceres::CauchyLoss loss(2.0);
-  const Scene start = MakeTestScene({}).start;
-  Scene scene = start;
+  const SceneEstimate start = MakeTestScene({}).start;
+  SceneEstimate scene = start;
   FixedExtrinsicsOptions options = Options(&loss);
-  options.constant_cameras.assign(scene.cameras.size(), false);
+  options.constant_cameras.assign(scene.estimate.cameras.size(), false);
   options.constant_cameras[3] = true;
   options.compute_covariance = true;
-  const FixedExtrinsicsSummary summary = SolveFixedExtrinsics(options, &scene);
+  const FixedExtrinsicsSummary summary = Solve(options, &scene);
   EXPECT_TRUE(summary.converged);
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    EXPECT_EQ(scene.cameras[i].params == start.cameras[i].params, i == 3);
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    EXPECT_EQ(
+        scene.estimate.cameras[i].params == start.estimate.cameras[i].params,
+        i == 3);
   }
   EXPECT_TRUE(summary.covariance.middleRows(12, 4).isZero(0.0));
   EXPECT_GT(summary.covariance(11, 11), 0.0);
@@ -274,53 +283,55 @@ TEST(ConstantCameras, AreBitIdenticalAndTheOthersAreNot) {
 // cannot be told apart.
 TEST(MinInformation, HoldsWhatTheDataDoNotTell) {
   const ceres::CauchyLoss loss(2.0);
-  Scene scene = MakeTestScene({}).start;
-  for (Frame& frame : scene.frames) {
+  SceneEstimate scene = MakeTestScene({}).start;
+  for (Frame& frame : scene.scene.frames) {
     Frame kept = frame;
     kept.observations.clear();
     kept.track_begins = {0};
-    for (size_t i = 0; i < frame.points.size(); ++i) {
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
       for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
            ++k) {
         const bool keep = frame.observations[k].image_idx != 0 ||
-                          (i == 0 && &frame == &scene.frames[0]);
+                          (i == 0 && &frame == &scene.scene.frames[0]);
         if (keep) kept.observations.push_back(frame.observations[k]);
       }
       kept.track_begins.push_back(kept.observations.size());
     }
     frame = kept;
   }
-  const Scene start = scene;
+  const SceneEstimate start = scene;
   FixedExtrinsicsOptions options = Options(&loss);
   options.min_information = 1e-6;
   options.compute_covariance = true;
-  const FixedExtrinsicsSummary summary = SolveFixedExtrinsics(options, &scene);
+  const FixedExtrinsicsSummary summary = Solve(options, &scene);
   EXPECT_TRUE(summary.converged);
-  ASSERT_EQ(summary.held_cameras.size(), scene.cameras.size());
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+  ASSERT_EQ(summary.held_cameras.size(), scene.estimate.cameras.size());
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
     EXPECT_EQ(summary.held_cameras[i], i == 0);
-    for (const double param : scene.cameras[i].params) {
+    for (const double param : scene.estimate.cameras[i].params) {
       EXPECT_TRUE(std::isfinite(param));
     }
   }
   EXPECT_TRUE(summary.covariance.allFinite());
   // The one observation moves the camera by its residual, not further.
   for (size_t j = 0; j < 4; ++j) {
-    EXPECT_NEAR(scene.cameras[0].params[j], start.cameras[0].params[j], 50.0);
+    EXPECT_NEAR(scene.estimate.cameras[0].params[j],
+                start.estimate.cameras[0].params[j],
+                50.0);
   }
 }
 
 TEST(MinInformation, DoesNotTouchWellDeterminedScenes) {
   const ceres::CauchyLoss loss(2.0);
-  const Scene start = MakeTestScene({}).start;
-  Scene scene = start;
+  const SceneEstimate start = MakeTestScene({}).start;
+  SceneEstimate scene = start;
   FixedExtrinsicsOptions options = Options(&loss);
-  SolveFixedExtrinsics(options, &scene);
-  Scene with = start;
+  Solve(options, &scene);
+  SceneEstimate with = start;
   options.min_information = 1e-6;
-  const FixedExtrinsicsSummary summary = SolveFixedExtrinsics(options, &with);
+  const FixedExtrinsicsSummary summary = Solve(options, &with);
   EXPECT_EQ(summary.held_cameras,
-            std::vector<bool>(start.cameras.size(), false));
+            std::vector<bool>(start.estimate.cameras.size(), false));
   EXPECT_LT(MaxParamsDifference(with, scene), 1e-9);
 }
 

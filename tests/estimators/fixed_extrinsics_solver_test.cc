@@ -22,7 +22,7 @@ FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
   return options;
 }
 
-double SolveWithCeres(const ceres::LossFunction* loss, Scene* scene) {
+double SolveWithCeres(const ceres::LossFunction* loss, SceneEstimate* scene) {
   ceres::Problem problem(SharedLoss());
   AddReprojectionErrors(loss, scene, &problem);
   return SolveTightly(&problem);
@@ -39,11 +39,10 @@ TEST_P(CeresTest, SameMinimumFromTheSameStart) {
   TestSceneOptions scene_options;
   scene_options.model = GetParam();
   scene_options.noise = 0.7;
-  Scene ours = MakeTestScene(scene_options).start;
-  Scene ceres_scene = ours;
+  SceneEstimate ours = MakeTestScene(scene_options).start;
+  SceneEstimate ceres_scene = ours;
   const ceres::CauchyLoss loss(2.0);
-  const FixedExtrinsicsSummary summary =
-      SolveFixedExtrinsics(Options(&loss), &ours);
+  const FixedExtrinsicsSummary summary = Solve(Options(&loss), &ours);
   EXPECT_TRUE(summary.converged);
   const double ceres_cost = SolveWithCeres(&loss, &ceres_scene);
   EXPECT_NEAR(summary.final_cost, ceres_cost, 1e-9 * ceres_cost);
@@ -55,13 +54,12 @@ TEST_P(CeresTest, OurMinimumIsOneOfCeres) {
   TestSceneOptions scene_options;
   scene_options.model = GetParam();
   scene_options.outlier_share = 0.1;
-  Scene ours = MakeTestScene(scene_options).start;
+  SceneEstimate ours = MakeTestScene(scene_options).start;
   const ceres::CauchyLoss loss(1.0);
-  const FixedExtrinsicsSummary summary =
-      SolveFixedExtrinsics(Options(&loss), &ours);
+  const FixedExtrinsicsSummary summary = Solve(Options(&loss), &ours);
   EXPECT_TRUE(summary.converged);
   EXPECT_LT(summary.final_cost, summary.initial_cost);
-  Scene ceres_scene = ours;
+  SceneEstimate ceres_scene = ours;
   const double ceres_cost = SolveWithCeres(&loss, &ceres_scene);
   EXPECT_NEAR(summary.final_cost, ceres_cost, 1e-9 * ceres_cost);
   EXPECT_LT(MaxParamsDifference(ceres_scene, ours), 1e-7);
@@ -69,7 +67,7 @@ TEST_P(CeresTest, OurMinimumIsOneOfCeres) {
 
 // Schur complement and reduced gradient of the normal equations that Ceres has
 // with COLMAP's residuals.
-void ReducedSystem(Scene* scene,
+void ReducedSystem(SceneEstimate* scene,
                    Eigen::MatrixXd* schur,
                    Eigen::VectorXd* gradient) {
   ceres::Problem problem(SharedLoss());
@@ -77,11 +75,11 @@ void ReducedSystem(Scene* scene,
   ceres::Problem::EvaluateOptions options;
   Eigen::Index num_params = 0;
   Eigen::Index num_points = 0;
-  for (RigCamera& camera : scene->cameras) {
+  for (RigCamera& camera : scene->estimate.cameras) {
     options.parameter_blocks.push_back(camera.params.data());
     num_params += static_cast<Eigen::Index>(camera.params.size());
   }
-  for (Frame& frame : scene->frames) {
+  for (FrameEstimate& frame : scene->estimate.frames) {
     for (Eigen::Vector3d& xyz : frame.points) {
       options.parameter_blocks.push_back(xyz.data());
       num_points += 3;
@@ -114,22 +112,23 @@ TEST(FixedExtrinsicsSolver, FirstStepIsTheNewtonStepOfTheReducedSystem) {
   TestSceneOptions scene_options;
   scene_options.model = "SIMPLE_RADIAL";
   scene_options.num_points = 40;
-  Scene scene = MakeTestScene(scene_options).start;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
   FixedExtrinsicsOptions options = Options(&kTrivialLoss);
   options.max_num_iterations = 0;  // moves the points to their minima
-  SolveFixedExtrinsics(options, &scene);
+  Solve(options, &scene);
   Eigen::MatrixXd schur;
   Eigen::VectorXd gradient;
-  Scene at_start = scene;
+  SceneEstimate at_start = scene;
   ReducedSystem(&at_start, &schur, &gradient);
 
   options.max_num_iterations = 1;
-  SolveFixedExtrinsics(options, &scene);
+  Solve(options, &scene);
   Eigen::VectorXd step(gradient.size());
   Eigen::Index k = 0;
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    for (size_t j = 0; j < scene.cameras[i].params.size(); ++j) {
-      step(k++) = scene.cameras[i].params[j] - at_start.cameras[i].params[j];
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    for (size_t j = 0; j < scene.estimate.cameras[i].params.size(); ++j) {
+      step(k++) = scene.estimate.cameras[i].params[j] -
+                  at_start.estimate.cameras[i].params[j];
     }
   }
   // (S + damping diag(S)) step = -gradient with some small damping.
@@ -165,15 +164,15 @@ TEST_P(RefineTest, HeldParametersAreBitIdentical) {
   scene_options.num_frames = 1;
   scene_options.num_points = 60;
   scene_options.outlier_share = 0.05;
-  const Scene start = MakeTestScene(scene_options).start;
-  Scene scene = start;
+  const SceneEstimate start = MakeTestScene(scene_options).start;
+  SceneEstimate scene = start;
   const ceres::CauchyLoss loss(1.0);
   FixedExtrinsicsOptions options = Options(&loss);
   options.refine_focal_length = flags & 1;
   options.refine_principal_point = flags & 2;
   options.refine_extra_params = flags & 4;
   options.compute_covariance = true;
-  const FixedExtrinsicsSummary summary = SolveFixedExtrinsics(options, &scene);
+  const FixedExtrinsicsSummary summary = Solve(options, &scene);
   EXPECT_LE(summary.final_cost, summary.initial_cost);
 
   std::vector<bool> refined(model.NumParams(), false);
@@ -185,14 +184,14 @@ TEST_P(RefineTest, HeldParametersAreBitIdentical) {
   mark(options.refine_extra_params, model.ExtraParamsIdxs());
   ASSERT_EQ(static_cast<size_t>(summary.covariance.rows()),
             5 * model.NumParams());
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    EXPECT_EQ(scene.cameras[i].cam_from_world.translation,
-              start.cameras[i].cam_from_world.translation);
-    EXPECT_EQ(scene.cameras[i].cam_from_world.rotation.coeffs(),
-              start.cameras[i].cam_from_world.rotation.coeffs());
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    EXPECT_EQ(scene.estimate.cameras[i].cam_from_world.translation,
+              start.estimate.cameras[i].cam_from_world.translation);
+    EXPECT_EQ(scene.estimate.cameras[i].cam_from_world.rotation.coeffs(),
+              start.estimate.cameras[i].cam_from_world.rotation.coeffs());
     for (size_t j = 0; j < refined.size(); ++j) {
-      const double before = start.cameras[i].params[j];
-      const double after = scene.cameras[i].params[j];
+      const double before = start.estimate.cameras[i].params[j];
+      const double after = scene.estimate.cameras[i].params[j];
       const Eigen::Index row =
           static_cast<Eigen::Index>(i * refined.size() + j);
       EXPECT_TRUE(std::isfinite(after));
@@ -220,26 +219,27 @@ TEST(FixedExtrinsicsSolver, ResultDoesNotDependOnTheNumberOfThreads) {
   scene_options.num_points = 600;
   scene_options.track_length = 4;
   scene_options.outlier_share = 0.05;
-  const Scene start = MakeTestScene(scene_options).start;
+  const SceneEstimate start = MakeTestScene(scene_options).start;
   const ceres::CauchyLoss loss(1.0);
-  Scene expected;
+  SceneEstimate expected;
   FixedExtrinsicsSummary expected_summary;
   for (const int num_threads : {1, 2, 3, 8}) {
-    Scene scene = start;
+    SceneEstimate scene = start;
     FixedExtrinsicsOptions options = Options(&loss);
     options.num_threads = num_threads;
     options.compute_covariance = true;
-    const FixedExtrinsicsSummary summary =
-        SolveFixedExtrinsics(options, &scene);
+    const FixedExtrinsicsSummary summary = Solve(options, &scene);
     if (num_threads == 1) {
       expected = scene;
       expected_summary = summary;
     }
-    for (size_t i = 0; i < scene.cameras.size(); ++i) {
-      EXPECT_EQ(scene.cameras[i].params, expected.cameras[i].params);
+    for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+      EXPECT_EQ(scene.estimate.cameras[i].params,
+                expected.estimate.cameras[i].params);
     }
-    for (size_t i = 0; i < scene.frames.size(); ++i) {
-      EXPECT_EQ(scene.frames[i].points, expected.frames[i].points);
+    for (size_t i = 0; i < scene.scene.frames.size(); ++i) {
+      EXPECT_EQ(scene.estimate.frames[i].points,
+                expected.estimate.frames[i].points);
     }
     EXPECT_EQ(summary.final_cost, expected_summary.final_cost);
     EXPECT_EQ(summary.num_iterations, expected_summary.num_iterations);
@@ -248,7 +248,7 @@ TEST(FixedExtrinsicsSolver, ResultDoesNotDependOnTheNumberOfThreads) {
 }
 
 // Another order of frames, images, points and observations.
-Scene Permuted(const Scene& scene, Random* random) {
+SceneEstimate Permuted(const SceneEstimate& scene, Random* random) {
   const auto shuffled = [&](size_t count) {
     std::vector<size_t> order(count);
     std::iota(order.begin(), order.end(), 0);
@@ -257,19 +257,23 @@ Scene Permuted(const Scene& scene, Random* random) {
     }
     return order;
   };
-  Scene permuted = scene;
-  permuted.frames.clear();
-  for (const size_t f : shuffled(scene.frames.size())) {
-    const Frame& frame = scene.frames[f];
-    Frame& new_frame = permuted.frames.emplace_back();
+  SceneEstimate permuted = scene;
+  permuted.scene.frames.clear();
+  permuted.estimate.frames.clear();
+  for (const size_t f : shuffled(scene.scene.frames.size())) {
+    const Frame& frame = scene.scene.frames[f];
+    const FrameEstimate& estimate = scene.estimate.frames[f];
+    Frame& new_frame = permuted.scene.frames.emplace_back();
+    FrameEstimate& new_estimate = permuted.estimate.frames.emplace_back();
     const std::vector<size_t> image_order = shuffled(frame.images.size());
     std::vector<size_t> new_image_idxs(frame.images.size());
     for (size_t i = 0; i < image_order.size(); ++i) {
       new_frame.images.push_back(frame.images[image_order[i]]);
+      new_estimate.images.push_back(estimate.images[image_order[i]]);
       new_image_idxs[image_order[i]] = i;
     }
-    for (const size_t p : shuffled(frame.points.size())) {
-      new_frame.points.push_back(frame.points[p]);
+    for (const size_t p : shuffled(frame.NumPoints())) {
+      new_estimate.points.push_back(estimate.points[p]);
       const size_t begin = frame.track_begins[p];
       for (const size_t k : shuffled(frame.track_begins[p + 1] - begin)) {
         Observation observation = frame.observations[begin + k];
@@ -286,17 +290,15 @@ TEST(FixedExtrinsicsSolver, ResultDoesNotDependOnTheOrderOfTheData) {
   TestSceneOptions scene_options;
   scene_options.num_frames = 3;
   scene_options.track_length = 5;
-  Scene scene = MakeTestScene(scene_options).start;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
   Random random({9});
   const ceres::CauchyLoss loss(2.0);
-  std::vector<Scene> permuted;
+  std::vector<SceneEstimate> permuted;
   for (int i = 0; i < 3; ++i) permuted.push_back(Permuted(scene, &random));
-  const FixedExtrinsicsSummary expected =
-      SolveFixedExtrinsics(Options(&loss), &scene);
+  const FixedExtrinsicsSummary expected = Solve(Options(&loss), &scene);
   EXPECT_TRUE(expected.converged);
-  for (Scene& other : permuted) {
-    const FixedExtrinsicsSummary summary =
-        SolveFixedExtrinsics(Options(&loss), &other);
+  for (SceneEstimate& other : permuted) {
+    const FixedExtrinsicsSummary summary = Solve(Options(&loss), &other);
     EXPECT_NEAR(
         summary.final_cost, expected.final_cost, 1e-12 * expected.final_cost);
     EXPECT_LT(MaxParamsDifference(other, scene), 1e-9);

@@ -5,6 +5,7 @@
 #include <ceres/ceres.h>
 #include <gtest/gtest.h>
 
+#include "src/estimators/noise_samples.h"
 #include "tests/support/test_scenes.h"
 
 namespace mfir {
@@ -23,13 +24,17 @@ FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
 void RepeatFirstTracks(size_t num_tracks,
                        double jitter,
                        uint64_t seed,
-                       Scene* scene) {
+                       SceneEstimate* scene) {
   Random random({seed});
-  const Frame first = scene->frames[0];
+  const Frame first = scene->scene.frames[0];
+  const std::vector<Eigen::Vector3d> points = scene->estimate.frames[0].points;
   const size_t num_observations = first.track_begins[num_tracks];
-  for (Frame& frame : scene->frames) {
+  for (size_t f = 0; f < scene->scene.frames.size(); ++f) {
+    Frame& frame = scene->scene.frames[f];
     ASSERT_EQ(frame.track_begins[num_tracks], num_observations);
-    for (size_t i = 0; i < num_tracks; ++i) frame.points[i] = first.points[i];
+    for (size_t i = 0; i < num_tracks; ++i) {
+      scene->estimate.frames[f].points[i] = points[i];
+    }
     for (size_t k = 0; k < num_observations; ++k) {
       frame.observations[k] = first.observations[k];
       frame.observations[k].xy += Eigen::Vector2d(random.Normal(0.0, jitter),
@@ -50,11 +55,10 @@ TEST(FixedExtrinsicsStatistics, CovarianceIsThatOfCeresOnAverage) {
     scene_options.num_frames = 1;
     scene_options.noise = kNoise;
     scene_options.seed = 20 + seed;
-    Scene scene = MakeTestScene(scene_options).start;
+    SceneEstimate scene = MakeTestScene(scene_options).start;
     FixedExtrinsicsOptions options = Options(&kTrivialLoss);
     options.compute_covariance = true;
-    const FixedExtrinsicsSummary summary =
-        SolveFixedExtrinsics(options, &scene);
+    const FixedExtrinsicsSummary summary = Solve(options, &scene);
 
     ceres::Problem problem(SharedLoss());
     AddReprojectionErrors(nullptr, &scene, &problem);
@@ -62,12 +66,12 @@ TEST(FixedExtrinsicsStatistics, CovarianceIsThatOfCeresOnAverage) {
     covariance_options.algorithm_type = ceres::SPARSE_QR;
     ceres::Covariance covariance(covariance_options);
     std::vector<std::pair<const double*, const double*>> blocks;
-    for (const RigCamera& camera : scene.cameras) {
+    for (const RigCamera& camera : scene.estimate.cameras) {
       blocks.emplace_back(camera.params.data(), camera.params.data());
     }
     ASSERT_TRUE(covariance.Compute(blocks, &problem));
-    for (size_t i = 0; i < scene.cameras.size(); ++i) {
-      const double* params = scene.cameras[i].params.data();
+    for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+      const double* params = scene.estimate.cameras[i].params.data();
       Eigen::Matrix<double, 4, 4, Eigen::RowMajor> expected;
       covariance.GetCovarianceBlock(params, params, expected.data());
       for (Eigen::Index j = 0; j < 4; ++j) {
@@ -100,13 +104,12 @@ TEST(FixedExtrinsicsStatistics, ErrorsAreOfTheSizeThatTheCovarianceTells) {
           Options(outliers ? static_cast<const ceres::LossFunction*>(&cauchy)
                            : &kTrivialLoss);
       options.compute_covariance = true;
-      const FixedExtrinsicsSummary summary =
-          SolveFixedExtrinsics(options, &scene.start);
+      const FixedExtrinsicsSummary summary = Solve(options, &scene.start);
       EXPECT_TRUE(summary.converged);
-      for (size_t i = 0; i < scene.truth.cameras.size(); ++i) {
+      for (size_t i = 0; i < scene.truth.estimate.cameras.size(); ++i) {
         for (size_t j = 0; j < 4; ++j) {
-          const double error = scene.start.cameras[i].params[j] -
-                               scene.truth.cameras[i].params[j];
+          const double error = scene.start.estimate.cameras[i].params[j] -
+                               scene.truth.estimate.cameras[i].params[j];
           const Eigen::Index row = static_cast<Eigen::Index>(4 * i + j);
           sum += error * error / summary.covariance(row, row);
           count += 1.0;
@@ -126,10 +129,9 @@ FixedExtrinsicsOptions CovarianceOptions(
   return options;
 }
 
-Eigen::VectorXd Stds(const FixedExtrinsicsOptions& options, Scene scene) {
-  return SolveFixedExtrinsics(options, &scene)
-      .covariance.diagonal()
-      .cwiseSqrt();
+Eigen::VectorXd Stds(const FixedExtrinsicsOptions& options,
+                     SceneEstimate scene) {
+  return Solve(options, &scene).covariance.diagonal().cwiseSqrt();
 }
 
 double MaxRelativeDifference(const Eigen::VectorXd& a,
@@ -142,11 +144,12 @@ TEST(FixedExtrinsicsStatistics, RepeatedTracksAreOnePieceOfEvidence) {
   TestSceneOptions scene_options;
   scene_options.num_frames = 1;
   scene_options.num_points = 200;
-  const Scene one = MakeTestScene(scene_options).start;
-  Scene copies = one;
-  copies.frames.assign(kNumCopies, one.frames[0]);
+  const SceneEstimate one = MakeTestScene(scene_options).start;
+  SceneEstimate copies = one;
+  copies.scene.frames.assign(kNumCopies, one.scene.frames[0]);
+  copies.estimate.frames.assign(kNumCopies, one.estimate.frames[0]);
   std::vector<std::vector<TrackIndex>> all;
-  for (size_t i = 0; i < one.frames[0].points.size(); ++i) {
+  for (size_t i = 0; i < one.scene.frames[0].NumPoints(); ++i) {
     all.push_back({{0, i}, {1, i}, {2, i}});
   }
   const Eigen::VectorXd expected = Stds(CovarianceOptions({}), one);
@@ -159,7 +162,7 @@ TEST(FixedExtrinsicsStatistics, RepeatedTracksAreOnePieceOfEvidence) {
   // Groups of one are independent tracks, whatever their order.
   std::vector<std::vector<TrackIndex>> single;
   for (size_t f = kNumCopies; f-- > 0;) {
-    for (size_t i = 0; i < one.frames[0].points.size(); ++i) {
+    for (size_t i = 0; i < one.scene.frames[0].NumPoints(); ++i) {
       single.push_back({{f, i}});
     }
   }
@@ -182,7 +185,7 @@ TEST(FixedExtrinsicsStatistics, ErrorsWithRepeatedTracksToo) {
     scene_options.num_points = 90;
     scene_options.seed = 300 + seed;
     const TestScene setup = MakeTestScene(scene_options);
-    Scene scene = setup.start;
+    SceneEstimate scene = setup.start;
     std::vector<std::vector<TrackIndex>> repeated(kNumRepeated);
     RepeatFirstTracks(kNumRepeated, 0.1, seed, &scene);
     for (size_t f = 0; f < kNumFrames; ++f) {
@@ -190,11 +193,11 @@ TEST(FixedExtrinsicsStatistics, ErrorsWithRepeatedTracksToo) {
     }
     const Eigen::VectorXd independent_stds = Stds(CovarianceOptions({}), scene);
     const FixedExtrinsicsSummary summary =
-        SolveFixedExtrinsics(CovarianceOptions(repeated), &scene);
-    for (size_t i = 0; i < scene.cameras.size(); ++i) {
+        Solve(CovarianceOptions(repeated), &scene);
+    for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
       for (size_t j = 0; j < 4; ++j) {
-        const double error =
-            scene.cameras[i].params[j] - setup.truth.cameras[i].params[j];
+        const double error = scene.estimate.cameras[i].params[j] -
+                             setup.truth.estimate.cameras[i].params[j];
         const Eigen::Index row = static_cast<Eigen::Index>(4 * i + j);
         grouped += error * error / summary.covariance(row, row);
         independent += std::pow(error / independent_stds(row), 2.0);
@@ -217,12 +220,14 @@ TEST_P(TrackLengthTest, NoiseSamplesHaveTheSigmaOfTheNoise) {
   scene_options.track_length = GetParam();
   scene_options.num_points = 12000 / GetParam();
   scene_options.noise = 0.5;
-  Scene scene = MakeTestScene(scene_options).start;
-  EXPECT_TRUE(SolveFixedExtrinsics(Options(&kTrivialLoss), &scene).converged);
+  SceneEstimate scene = MakeTestScene(scene_options).start;
+  EXPECT_TRUE(Solve(Options(&kTrivialLoss), &scene).converged);
   for (const bool robust : {false, true}) {
     const ceres::CauchyLoss cauchy(2.385 * scene_options.noise);
     const std::vector<NoiseSample> samples =
-        NoiseSamples(scene, robust ? &cauchy : nullptr, nullptr).keypoints;
+        NoiseSamples(
+            scene.scene, scene.estimate, robust ? &cauchy : nullptr, nullptr)
+            .keypoints;
     double degrees_of_freedom = 0.0;
     double sum = 0.0;
     for (const NoiseSample& sample : samples) {
@@ -234,7 +239,7 @@ TEST_P(TrackLengthTest, NoiseSamplesHaveTheSigmaOfTheNoise) {
     }
     if (!robust) {
       const double expected = (2.0 * GetParam() - 3.0) *
-                              static_cast<double>(scene.frames.size()) *
+                              static_cast<double>(scene.scene.frames.size()) *
                               static_cast<double>(scene_options.num_points);
       EXPECT_LE(degrees_of_freedom, expected * (1.0 + 1e-9));
       EXPECT_GT(degrees_of_freedom, 0.9 * expected);

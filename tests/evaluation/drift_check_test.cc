@@ -10,7 +10,7 @@ namespace mfir {
 namespace {
 
 std::vector<RigCamera> MakeCameras(size_t count) {
-  std::vector<RigCamera> cameras = MakeTestScene({}).start.cameras;
+  std::vector<RigCamera> cameras = MakeTestScene({}).start.estimate.cameras;
   cameras.resize(count, cameras[0]);
   for (RigCamera& camera : cameras) camera.params = {1000, 1000, 320, 240};
   return cameras;
@@ -88,28 +88,30 @@ TEST(FindDrifts, CamerasWithoutReferenceDoNotCount) {
 }
 
 // Images of all frames at the known poses, each turned by noise.
-Scene PoseScene(double noise_deg, uint64_t seed) {
+SceneEstimate PoseScene(double noise_deg, uint64_t seed) {
   TestSceneOptions options;
   options.num_frames = 4;
-  Scene scene = MakeTestScene(options).start;
+  SceneEstimate scene = MakeTestScene(options).start;
   Random random({seed});
-  for (RigCamera& camera : scene.cameras) {
-    camera.known_cam_from_world = camera.cam_from_world;
-  }
-  for (Frame& frame : scene.frames) {
-    for (FrameImage& image : frame.images) {
-      image.cam_from_world = scene.cameras[image.camera_idx].cam_from_world;
+  for (FrameEstimate& frame : scene.estimate.frames) {
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      Rigid3& pose = frame.images[i].cam_from_world;
+      pose = scene.scene.cameras[i].cam_from_world;
       const double angle = random.Normal(0.0, noise_deg) * M_PI / 180.0;
-      image.cam_from_world.rotation =
+      pose.rotation =
           Eigen::AngleAxisd(angle, RandomVector(&random, 1.0).normalized()) *
-          image.cam_from_world.rotation;
+          pose.rotation;
     }
   }
   return scene;
 }
 
-void TurnInRig(size_t camera_idx, double degrees, Scene* scene) {
-  Rigid3& pose = scene->cameras[camera_idx].known_cam_from_world;
+std::vector<PoseDisagreement> Find(const SceneEstimate& scene) {
+  return FindPoseDisagreements(scene.scene, scene.estimate);
+}
+
+void TurnInRig(size_t camera_idx, double degrees, SceneEstimate* scene) {
+  Rigid3& pose = scene->scene.cameras[camera_idx].cam_from_world;
   pose.rotation = Eigen::AngleAxisd(degrees * M_PI / 180.0,
                                     Eigen::Vector3d(0.6, 0.8, 0.0)) *
                   pose.rotation;
@@ -117,9 +119,9 @@ void TurnInRig(size_t camera_idx, double degrees, Scene* scene) {
 
 TEST(FindPoseDisagreements, NamesTheCameraThatWasTurned) {
   for (const double degrees : {0.2, 2.0}) {
-    Scene scene = PoseScene(0.01, 3);
+    SceneEstimate scene = PoseScene(0.01, 3);
     TurnInRig(2, degrees, &scene);
-    const auto disagreements = FindPoseDisagreements(scene);
+    const auto disagreements = Find(scene);
     for (size_t i = 0; i < disagreements.size(); ++i) {
       EXPECT_EQ(disagreements[i].is_moved, i == 2) << i;
     }
@@ -130,12 +132,12 @@ TEST(FindPoseDisagreements, NamesTheCameraThatWasTurned) {
 
 TEST(FindPoseDisagreements, ScatterIsNoMovement) {
   for (uint64_t seed = 0; seed < 20; ++seed) {
-    for (const auto& camera : FindPoseDisagreements(PoseScene(0.5, seed))) {
+    for (const auto& camera : Find(PoseScene(0.5, seed))) {
       EXPECT_FALSE(camera.is_moved);
     }
   }
   // The poses of RIG themselves.
-  for (const auto& camera : FindPoseDisagreements(PoseScene(0.0, 0))) {
+  for (const auto& camera : Find(PoseScene(0.0, 0))) {
     EXPECT_EQ(camera.angle_deg, 0.0);
     EXPECT_FALSE(camera.is_moved);
   }
@@ -143,11 +145,11 @@ TEST(FindPoseDisagreements, ScatterIsNoMovement) {
 
 // In one frame of four.
 TEST(FindPoseDisagreements, OneFrameIsNotMost) {
-  Scene scene = PoseScene(0.01, 4);
-  Rigid3& pose = scene.frames[1].images[2].cam_from_world;
+  SceneEstimate scene = PoseScene(0.01, 4);
+  Rigid3& pose = scene.estimate.frames[1].images[2].cam_from_world;
   pose.rotation =
       Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX()) * pose.rotation;
-  for (const auto& camera : FindPoseDisagreements(scene)) {
+  for (const auto& camera : Find(scene)) {
     EXPECT_FALSE(camera.is_moved);
   }
 }

@@ -26,14 +26,14 @@ std::vector<CameraIntrinsics> Truth() {
 }
 
 // Errors: +10 -10 +3 -4 and +5 0 0 +2 px; +10 -10 +10 0 permille.
-FrameEstimate Estimate() {
+FrameIntrinsics Estimate() {
   return {"a",
           {MakeCamera("1", {1010, 990, 503, 246}),
            MakeCamera("2", {505, 500, 400, 202})}};
 }
 
 // Errors: +2 +1 0 0.
-FrameEstimate BetterEstimate() {
+FrameIntrinsics BetterEstimate() {
   return {"b", {MakeCamera("1", {1002, 1001, 500, 250})}};
 }
 
@@ -57,7 +57,7 @@ void ExpectSpread(const ErrorSpread& spread,
 }
 
 // The message of the InputError that evaluating ends in, "" without one.
-std::string ErrorMessage(const std::vector<FrameEstimate>& estimates,
+std::string ErrorMessage(const std::vector<FrameIntrinsics>& estimates,
                          const std::vector<CameraIntrinsics>& truth) {
   try {
     EvaluateIntrinsics(estimates, truth);
@@ -136,10 +136,10 @@ TEST(EvaluateIntrinsics, OneFocalLengthCountsForBothAxes) {
 }
 
 TEST(EvaluateIntrinsics, CamerasWithoutPartnerAreReportedAndLeftOut) {
-  FrameEstimate estimate = BetterEstimate();
+  FrameIntrinsics estimate = BetterEstimate();
   estimate.cameras.push_back(MakeCamera("10", {1, 1, 1, 1}));
   estimate.cameras.push_back(MakeCamera("9", {1, 1, 1, 1}));
-  const FrameEstimate unknown = {"c", {MakeCamera("9", {1, 1, 1, 1})}};
+  const FrameIntrinsics unknown = {"c", {MakeCamera("9", {1, 1, 1, 1})}};
   const Evaluation evaluation =
       EvaluateIntrinsics({estimate, unknown}, Truth());
   EXPECT_NEAR(evaluation.focal_abs.mean, 3, 1e-9);
@@ -151,7 +151,7 @@ TEST(EvaluateIntrinsics, CamerasWithoutPartnerAreReportedAndLeftOut) {
 }
 
 TEST(EvaluateIntrinsics, SeveralImagesOfOneCamera) {
-  FrameEstimate estimate = Estimate();
+  FrameIntrinsics estimate = Estimate();
   estimate.cameras.push_back(estimate.cameras[0]);
   EXPECT_NEAR(
       EvaluateIntrinsics({estimate}, Truth()).focal_abs.mean, 12.5, 1e-9);
@@ -285,7 +285,7 @@ TEST(EvaluationToJson, NonFiniteNumbersBecomeNull) {
 }
 
 TEST(PrintEvaluation, ShowsNumbersAndNames) {
-  FrameEstimate estimate = Estimate();
+  FrameIntrinsics estimate = Estimate();
   estimate.cameras.push_back(MakeCamera("spare", {1, 1, 1, 1}));
   std::ostringstream stream;
   PrintEvaluation(EvaluateIntrinsics({estimate}, Truth()), stream);

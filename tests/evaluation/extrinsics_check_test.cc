@@ -52,30 +52,30 @@ TEST(ExtrinsicsCheck, CamerasWithoutObservations) {
   EXPECT_TRUE(Find({}, {}).empty());
 }
 
-// Scene of pinhole cameras with these focal lengths.
-Scene SceneWithFocalLengths(const std::vector<double>& focal_lengths) {
-  Scene scene;
+// Pinhole cameras that start at 1000 px and end at these focal lengths.
+SceneEstimate SceneWithFocalLengths(const std::vector<double>& focal_lengths) {
+  SceneEstimate result;
   for (const double focal_length : focal_lengths) {
     RigCamera camera;
     camera.model = FindCameraModel("PINHOLE");
-    camera.params = {focal_length, 1000.0, 320.0, 240.0};
-    scene.cameras.push_back(camera);
+    camera.params = {1000.0, 1000.0, 320.0, 240.0};
+    result.scene.cameras.push_back(camera);
+    camera.params[0] = focal_length;
+    result.estimate.cameras.push_back(camera);
   }
-  return scene;
+  return result;
 }
 
 TEST(ExtrinsicsCheck, CountsSpoiltCameras) {
-  const Scene scene =
+  const SceneEstimate refined =
       SceneWithFocalLengths({9e9, 1000.0, 1990.0, 2010.0, 490.0, 9e9, kNaN});
-  const std::vector<std::vector<double>> initial_params(
-      7, {1000.0, 1000.0, 320.0, 240.0});
   const std::vector<double> own_stds_px(7, 0.5);
   // The first contradicts its extrinsics, the sixth has no observations.
   const std::vector<ExtrinsicsContradiction> contradictions = {
       {0, 90.0, 0.5, 0.5}};
   const auto count = [&](double std_px) {
-    return CountSpoiltCameras(scene,
-                              initial_params,
+    return CountSpoiltCameras(refined.scene,
+                              refined.estimate,
                               contradictions,
                               {90.0, std_px, 0.5, 0.5, 0.5, kNaN, 0.5},
                               own_stds_px);
@@ -89,13 +89,11 @@ TEST(ExtrinsicsCheck, CountsSpoiltCameras) {
 
 TEST(ExtrinsicsCheck, HalfSpoiltIsNotMost) {
   const std::vector<double> own_stds_px(4, 0.5);
+  const SceneEstimate refined =
+      SceneWithFocalLengths({1000.0, 1000.0, 1000.0, 1000.0});
   const auto count = [&](const std::vector<double>& stds_px) {
     return CountSpoiltCameras(
-        SceneWithFocalLengths({1000.0, 1000.0, 1000.0, 1000.0}),
-        std::vector<std::vector<double>>(4, {1000.0, 1000.0, 320.0, 240.0}),
-        {},
-        stds_px,
-        own_stds_px);
+        refined.scene, refined.estimate, {}, stds_px, own_stds_px);
   };
   EXPECT_FALSE(count({0.5, 0.5, 0.5, 0.5}).Most());
   EXPECT_FALSE(count({5.0, 5.0, 0.5, 0.5}).Most());

@@ -110,7 +110,7 @@ FeatureScene MakeFeatureScene() {
   options.num_cameras = 5;
   options.num_points = 30;
   options.track_length = 4;
-  Scene scene = MakeTestScene(options).truth;
+  Scene scene = MakeTestScene(options).truth.scene;
   FieldSource::TruePositions true_xy;
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     Frame& frame = scene.frames[f];
@@ -131,14 +131,14 @@ FeatureScene MakeFeatureScene() {
 std::vector<CostMapSummary> Compute(const CostMapOptions& options,
                                     FeatureScene* setup) {
   std::vector<CostMapSummary> summaries;
-  ComputeCostMaps(
+  setup->scene = ComputeCostMaps(
       options,
       &setup->source,
       [&](size_t frame_idx, const CostMapSummary& summary) {
         EXPECT_EQ(frame_idx, summaries.size());
         summaries.push_back(summary);
       },
-      &setup->scene);
+      std::move(setup->scene));
   return summaries;
 }
 
@@ -318,7 +318,7 @@ TEST(CostMaps, ObservationsWithoutFeatureHaveNone) {
   EXPECT_EQ(summaries[0].num_cost_maps, 120u - 3u - 4u);
   EXPECT_EQ(summaries[1].num_cost_maps, 120u);
   std::set<int64_t> idxs;
-  for (size_t track = 0; track < frame.points.size(); ++track) {
+  for (size_t track = 0; track < frame.NumPoints(); ++track) {
     for (size_t i = 0; i < 4; ++i) {
       const bool expected = !(track == 3 || (track == 0 && i == 0) ||
                               (track == 1 && i == 1) || (track == 2 && i == 2));

@@ -89,12 +89,12 @@ TEST(FeatureKeypoints, NoMinimumNearTheKeypoint) {
 TestScene SceneWithFeatures(const TestSceneOptions& options,
                             const Eigen::Vector2d& offset = {0.0, 0.0}) {
   TestScene scene = MakeTestScene(options);
-  for (size_t f = 0; f < scene.start.frames.size(); ++f) {
-    Frame& frame = scene.start.frames[f];
+  for (size_t f = 0; f < scene.start.scene.frames.size(); ++f) {
+    Frame& frame = scene.start.scene.frames[f];
     auto maps = std::make_shared<CostMaps>();
     for (size_t k = 0; k < frame.observations.size(); ++k) {
       AddQuadraticMap(frame.observations[k].xy,
-                      scene.truth.frames[f].observations[k].xy + offset,
+                      scene.truth.scene.frames[f].observations[k].xy + offset,
                       Sharpness(),
                       0.25,
                       1.0,
@@ -108,7 +108,7 @@ TestScene SceneWithFeatures(const TestSceneOptions& options,
 
 TEST(FeatureKeypoints, WhiteningOfATypicalFeature) {
   TestScene scene = SceneWithFeatures({});
-  Frame& frame = scene.start.frames[0];
+  Frame& frame = scene.start.scene.frames[0];
   // One vague in x: an edge.
   auto maps = std::make_shared<CostMaps>(*frame.cost_maps);
   CostMaps edge;
@@ -120,7 +120,7 @@ TEST(FeatureKeypoints, WhiteningOfATypicalFeature) {
                   &edge);
   std::copy(edge.data.begin(), edge.data.end(), maps->data.begin());
   frame.cost_maps = maps;
-  FindFeatureKeypoints(1, &scene.start);
+  scene.start.scene = FindFeatureKeypoints(1, std::move(scene.start.scene));
 
   // trace(information) / 2 = 1, in the ratio of the sharpness.
   const Eigen::Matrix2d expected = Sharpness() / (0.5 * Sharpness().trace());
@@ -138,14 +138,13 @@ TEST(FeatureKeypoints, SharpFeaturesBringIntrinsicsToTheTruth) {
   const ceres::ScaledLoss weighted(
       &feature_loss, 1e4, ceres::DO_NOT_TAKE_OWNERSHIP);
   TestScene scene = SceneWithFeatures({});
-  FindFeatureKeypoints(1, &scene.start);
+  scene.start.scene = FindFeatureKeypoints(1, std::move(scene.start.scene));
   FixedExtrinsicsOptions options;
   options.loss = &loss;
-  Scene without = scene.start;
-  SolveFixedExtrinsics(options, &without);
+  SceneEstimate without = scene.start;
+  Solve(options, &without);
   options.feature_loss = &weighted;
-  const FixedExtrinsicsSummary summary =
-      SolveFixedExtrinsics(options, &scene.start);
+  const FixedExtrinsicsSummary summary = Solve(options, &scene.start);
   EXPECT_TRUE(summary.converged);
   EXPECT_GT(summary.final_feature_cost, 0.0);
   EXPECT_LT(MaxParamsDifference(scene.start, scene.truth),
@@ -153,10 +152,10 @@ TEST(FeatureKeypoints, SharpFeaturesBringIntrinsicsToTheTruth) {
 
   // The same with features half a pixel off: principal points follow.
   TestScene shifted = SceneWithFeatures({}, {0.5, 0.5});
-  FindFeatureKeypoints(1, &shifted.start);
-  SolveFixedExtrinsics(options, &shifted.start);
-  const auto principal_point = [](const Scene& s) {
-    return s.cameras[0].params[2];
+  shifted.start.scene = FindFeatureKeypoints(1, std::move(shifted.start.scene));
+  Solve(options, &shifted.start);
+  const auto principal_point = [](const SceneEstimate& s) {
+    return s.estimate.cameras[0].params[2];
   };
   EXPECT_NEAR(
       principal_point(shifted.start) - principal_point(scene.start), 0.5, 0.15);
@@ -170,13 +169,13 @@ TEST_P(TrackGradientTest, MatchesFiniteDifferences) {
   scene_options.model = GetParam();
   scene_options.num_points = 5;
   TestScene scene = SceneWithFeatures(scene_options);
-  FindFeatureKeypoints(1, &scene.start);
-  Frame& frame = scene.start.frames[0];
+  scene.start.scene = FindFeatureKeypoints(1, std::move(scene.start.scene));
+  Frame& frame = scene.start.scene.frames[0];
   const ceres::CauchyLoss loss(1.0);
   const ceres::CauchyLoss feature_loss(0.5);
   const ceres::HuberLoss cost_map_loss(0.3);
   const TrackSolver solver({&loss, &feature_loss, &cost_map_loss},
-                           &scene.start,
+                           &scene.start.scene,
                            std::vector<FreeParams>(8));
   std::vector<Track::Observation> observations;
   for (size_t k = 0; k < frame.track_begins[1]; ++k) {
@@ -191,9 +190,10 @@ TEST_P(TrackGradientTest, MatchesFiniteDifferences) {
   track.weight = 1.7;
   track.observations = observations.data();
   track.length = observations.size();
-  const std::vector<CameraState> states = CameraStates(scene.truth);
-  const Eigen::Vector3d xyz =
-      scene.truth.frames[0].points[0] + Eigen::Vector3d(1e-4, -2e-4, 1e-4);
+  const std::vector<CameraState> states =
+      CameraStates(scene.truth.estimate.cameras);
+  const Eigen::Vector3d xyz = scene.truth.estimate.frames[0].points[0] +
+                              Eigen::Vector3d(1e-4, -2e-4, 1e-4);
   std::vector<Linearization> linearizations;
   ASSERT_TRUE(solver.Linearize(track, states, xyz, &linearizations));
   TrackSystem system;

@@ -26,7 +26,7 @@ struct Blocks {
   std::vector<RigCamera> cameras;
   std::vector<std::vector<Image>> frames;
   std::vector<std::vector<Eigen::Vector3d>> points;
-  Scene scene;  // observations
+  Scene scene;
 };
 
 TestSceneOptions BlockOptions(const std::string& model) {
@@ -43,7 +43,8 @@ TestSceneOptions BlockOptions(const std::string& model) {
 // MakeTestScene; frame 1 lacks the last camera.
 Blocks MakeBlocks(const std::string& model) {
   Blocks blocks;
-  blocks.scene = MakeTestScene(BlockOptions(model)).start;
+  const SceneEstimate start = MakeTestScene(BlockOptions(model)).start;
+  blocks.scene = start.scene;
   std::vector<Rigid3> poses;
   for (const RigCamera& camera : blocks.scene.cameras) {
     poses.push_back(camera.cam_from_world);
@@ -52,24 +53,25 @@ Blocks MakeBlocks(const std::string& model) {
   for (RigCamera& camera : blocks.scene.cameras) {
     camera.cam_from_world =
         TransformPose(normalized_from_rig, camera.cam_from_world);
-    camera.known_cam_from_world = camera.cam_from_world;
   }
   Random random({41});
-  for (Frame& frame : blocks.scene.frames) {
-    if (&frame == &blocks.scene.frames[1]) frame.images.pop_back();
+  for (size_t f = 0; f < blocks.scene.frames.size(); ++f) {
+    Frame& frame = blocks.scene.frames[f];
+    if (f == 1) frame.images.pop_back();
     std::vector<Blocks::Image>& images = blocks.frames.emplace_back();
-    for (const FrameImage& image : frame.images) {
-      Rigid3 pose = blocks.scene.cameras[image.camera_idx].cam_from_world;
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      const size_t camera_idx = frame.images[i].camera_idx;
+      Rigid3 pose = blocks.scene.cameras[camera_idx].cam_from_world;
       pose.rotation = Rotation(RandomVector(&random, 0.01)) * pose.rotation;
       pose.translation += RandomVector(&random, 10.0);
       const Eigen::Quaterniond& q = pose.rotation;
-      images.push_back({image.camera_idx,
+      images.push_back({camera_idx,
                         Eigen::Vector4d(q.w(), q.x(), q.y(), q.z()),
                         pose.translation,
-                        image.params});
+                        start.estimate.frames[f].images[i].params});
     }
     blocks.points.emplace_back();
-    for (const Eigen::Vector3d& xyz : frame.points) {
+    for (const Eigen::Vector3d& xyz : start.estimate.frames[f].points) {
       blocks.points.back().push_back(normalized_from_rig * xyz);
     }
   }
@@ -83,7 +85,7 @@ template <typename Visitor>
 size_t VisitObservations(Blocks* blocks, size_t f, const Visitor& visit) {
   const Frame& frame = blocks->scene.frames[f];
   size_t count = 0;
-  for (size_t i = 0; i < frame.points.size(); ++i) {
+  for (size_t i = 0; i < frame.NumPoints(); ++i) {
     for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1]; ++k) {
       const Observation& observation = frame.observations[k];
       if (observation.image_idx >= blocks->frames[f].size()) continue;
@@ -107,7 +109,7 @@ void AddFeaturemetric(const std::vector<ImageBlocks>& images,
                       Blocks* blocks,
                       ProgressiveSchedule* schedule) {
   const Frame& frame = blocks->scene.frames[f];
-  for (size_t i = 0; i < frame.points.size(); ++i) {
+  for (size_t i = 0; i < frame.NumPoints(); ++i) {
     for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1]; ++k) {
       const Observation& observation = frame.observations[k];
       if (observation.cost_map_idx < 0) continue;
@@ -330,7 +332,7 @@ double IntrinsicsError(const Blocks& blocks, const Scene& truth) {
 }
 
 TEST(ProgressiveSchedule, FeaturemetricTermFollowsTheFeatures) {
-  const Scene truth = MakeTestScene(BlockOptions("PINHOLE")).truth;
+  const Scene truth = MakeTestScene(BlockOptions("PINHOLE")).truth.scene;
   double errors[2];
   for (const bool with_features : {false, true}) {
     Blocks blocks = MakeBlocks("PINHOLE");
@@ -354,7 +356,7 @@ TEST(ProgressiveSchedule, FeaturemetricTermFollowsTheFeatures) {
 }
 
 TEST(ProgressiveSchedule, CostOfTheFeaturemetricTerm) {
-  const Scene truth = MakeTestScene(BlockOptions("PINHOLE")).truth;
+  const Scene truth = MakeTestScene(BlockOptions("PINHOLE")).truth.scene;
   Blocks blocks = MakeBlocks("PINHOLE");
   // In frame 1, and for half of the observations.
   AddBowlCostMaps(0.3, 0.05, truth.frames[1], &blocks.scene.frames[1]);
@@ -368,7 +370,7 @@ TEST(ProgressiveSchedule, CostOfTheFeaturemetricTerm) {
   options.loss_scale = 0.7;
   const auto check = [&](const Stage& stage) {
     double cost = 0.0;
-    for (size_t i = 0; i < frame.points.size(); ++i) {
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
       for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1];
            ++k) {
         const Observation& observation = frame.observations[k];

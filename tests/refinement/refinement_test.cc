@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "src/estimators/fixed_extrinsics_solver.h"
+#include "src/refinement/initial_intrinsics.h"
 #include "tests/support/test_scenes.h"
 
 namespace mfir {
@@ -28,88 +29,18 @@ MultiFrameOptions SingleFrameOptions(double loss_scale) {
   return options;
 }
 
-RefinementResult Refine(const MultiFrameOptions& options, Scene* scene) {
-  InitializeIntrinsics(options, scene);
-  return RefineFixedExtrinsics(
-      options, true, [](const Stage&) {}, scene);
+// Refines from the frames; the estimate of the scene becomes the result.
+RefinementResult Refine(const MultiFrameOptions& options,
+                        SceneEstimate* scene) {
+  *scene = InitializeIntrinsics(options, *scene);
+  RefinementResult result = RefineFixedExtrinsics(
+      options, true, [](const Stage&) {}, scene->scene, scene->estimate);
+  scene->estimate = result.estimate;
+  return result;
 }
 
 double Median3(double a, double b, double c) {
   return std::max(std::min(a, b), std::min(std::max(a, b), c));
-}
-
-TEST(InitializeIntrinsics, TakesTheMedianOfTheFrames) {
-  TestSceneOptions scene_options;
-  scene_options.num_frames = 3;
-  Scene scene = MakeTestScene(scene_options).start;
-  const Scene before = scene;
-  InitializeIntrinsics(Options(0.0), &scene);
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    for (size_t j = 0; j < 4; ++j) {
-      EXPECT_EQ(scene.cameras[i].params[j],
-                Median3(before.frames[0].images[i].params[j],
-                        before.frames[1].images[i].params[j],
-                        before.frames[2].images[i].params[j]));
-      EXPECT_EQ(scene.frames[1].images[i].params[j],
-                before.frames[1].images[i].params[j]);
-    }
-  }
-}
-
-TEST(InitializeIntrinsics, EvenNumberOfFramesAndMissingImages) {
-  TestSceneOptions scene_options;
-  scene_options.num_frames = 3;
-  Scene scene = MakeTestScene(scene_options).start;
-  scene.frames[2].images.pop_back();
-  const size_t last = scene.cameras.size() - 1;
-  InitializeIntrinsics(Options(0.0), &scene);
-  EXPECT_DOUBLE_EQ(scene.cameras[last].params[0],
-                   0.5 * (scene.frames[0].images[last].params[0] +
-                          scene.frames[1].images[last].params[0]));
-}
-
-TEST(InitializeIntrinsics, HeldParametersAreEqualInAllFrames) {
-  Scene scene = MakeTestScene({}).start;
-  MultiFrameOptions options = Options(0.0);
-  options.refine_principal_point = false;
-  InitializeIntrinsics(options, &scene);
-  for (const Frame& frame : scene.frames) {
-    for (const FrameImage& image : frame.images) {
-      const std::vector<double>& global =
-          scene.cameras[image.camera_idx].params;
-      EXPECT_NE(image.params[0], global[0]);
-      EXPECT_EQ(image.params[2], global[2]);
-      EXPECT_EQ(image.params[3], global[3]);
-    }
-  }
-}
-
-TEST(InitializeIntrinsics, ImplausibleImagesDoNotCount) {
-  TestSceneOptions scene_options;
-  scene_options.num_frames = 3;
-  Scene scene = MakeTestScene(scene_options).start;
-  const Scene before = scene;
-  const double width = static_cast<double>(scene.cameras[0].width);
-  const double height = static_cast<double>(scene.cameras[0].height);
-  ASSERT_GT(width, 0.0);
-  // One of three frames, and all frames of another camera.
-  scene.frames[1].images[0].params[0] *= 100.0;
-  for (Frame& frame : scene.frames) frame.images[1].params[2] = -5.0;
-  InitializeIntrinsics(Options(0.0), &scene);
-  for (size_t j = 0; j < 4; ++j) {
-    EXPECT_DOUBLE_EQ(scene.cameras[0].params[j],
-                     0.5 * (before.frames[0].images[0].params[j] +
-                            before.frames[2].images[0].params[j]));
-  }
-  EXPECT_EQ(scene.cameras[1].params[2], 0.5 * width);
-  EXPECT_EQ(scene.cameras[1].params[3], 0.5 * height);
-  std::vector<double> others;
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    if (i != 1) others.push_back(scene.cameras[i].params[0]);
-  }
-  std::sort(others.begin(), others.end());
-  EXPECT_EQ(scene.cameras[1].params[0], others[others.size() / 2]);
-  EXPECT_EQ(scene.cameras[1].prior_params, scene.cameras[1].params);
 }
 
 TEST(RefineFixedExtrinsics, EstimatedLossRecoversNoiseAndIntrinsics) {
@@ -127,8 +58,8 @@ TEST(RefineFixedExtrinsics, EstimatedLossRecoversNoiseAndIntrinsics) {
   double sum = 0.0;
   for (size_t i = 0; i < 8; ++i) {
     for (size_t j = 0; j < 4; ++j) {
-      const double error =
-          scene.start.cameras[i].params[j] - scene.truth.cameras[i].params[j];
+      const double error = scene.start.estimate.cameras[i].params[j] -
+                           scene.truth.estimate.cameras[i].params[j];
       const Eigen::Index row = static_cast<Eigen::Index>(4 * i + j);
       EXPECT_LT(std::abs(error), 5.0 * std::sqrt(result.covariance(row, row)));
       sum += error * error / result.covariance(row, row) / 32;
@@ -143,10 +74,10 @@ TEST(RefineFixedExtrinsics, EstimatedLossRecoversNoiseAndIntrinsics) {
 TEST(RefineFixedExtrinsics, CauchyScaleGivesTheMinimumOfThePaper) {
   TestSceneOptions scene_options;
   scene_options.outlier_share = 0.05;
-  Scene scene = MakeTestScene(scene_options).start;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
   // Frames of different size.
-  Frame& frame = scene.frames[1];
-  frame.points.resize(30);
+  Frame& frame = scene.scene.frames[1];
+  scene.estimate.frames[1].points.resize(30);
   frame.track_begins.resize(31);
   frame.observations.resize(frame.track_begins.back());
   EXPECT_TRUE(Refine(Options(0.5), &scene).converged);
@@ -154,16 +85,16 @@ TEST(RefineFixedExtrinsics, CauchyScaleGivesTheMinimumOfThePaper) {
   const ceres::CauchyLoss loss(0.5);
   FixedExtrinsicsOptions options;
   options.loss = &loss;
-  for (const Frame& scene_frame : scene.frames) {
+  for (const Frame& scene_frame : scene.scene.frames) {
     options.frame_weights.push_back(
         1.0 / (2.0 * static_cast<double>(scene_frame.observations.size())));
   }
-  Scene minimum = scene;
-  EXPECT_TRUE(SolveFixedExtrinsics(options, &minimum).converged);
+  SceneEstimate minimum = scene;
+  EXPECT_TRUE(Solve(options, &minimum).converged);
   EXPECT_LT(MaxParamsDifference(minimum, scene), 1e-8);
   // Other weights have another minimum.
   options.frame_weights.clear();
-  SolveFixedExtrinsics(options, &minimum);
+  Solve(options, &minimum);
   EXPECT_GT(MaxParamsDifference(minimum, scene), 1e-6);
 }
 
@@ -177,11 +108,11 @@ TEST(RefineFixedExtrinsics, LossScaleZeroIsEfficient) {
     scene_options.seed = 60 + seed;
     const TestScene scene = MakeTestScene(scene_options);
     for (const double loss_scale : {0.0, 0.05}) {
-      Scene refined = scene.start;
+      SceneEstimate refined = scene.start;
       EXPECT_TRUE(Refine(Options(loss_scale), &refined).converged);
-      for (size_t i = 0; i < refined.cameras.size(); ++i) {
-        const double error =
-            refined.cameras[i].params[0] - scene.truth.cameras[i].params[0];
+      for (size_t i = 0; i < refined.estimate.cameras.size(); ++i) {
+        const double error = refined.estimate.cameras[i].params[0] -
+                             scene.truth.estimate.cameras[i].params[0];
         (loss_scale == 0.0 ? estimated : paper) += error * error;
       }
     }
@@ -191,14 +122,14 @@ TEST(RefineFixedExtrinsics, LossScaleZeroIsEfficient) {
 
 TEST(RefineFixedExtrinsics, UnitOfTheWorldDoesNotMatter) {
   for (const double loss_scale : {0.0, 0.5}) {
-    Scene metres = MakeTestScene({}).start;
-    Scene millimetres = metres;
-    for (RigCamera& camera : millimetres.cameras) {
+    SceneEstimate metres = MakeTestScene({}).start;
+    SceneEstimate millimetres = metres;
+    for (RigCamera& camera : millimetres.estimate.cameras) {
       camera.cam_from_world.translation *= 1000.0;
-      camera.known_cam_from_world = camera.cam_from_world;
     }
-    for (Frame& frame : millimetres.frames) {
-      for (FrameImage& image : frame.images) {
+    millimetres.scene.cameras = millimetres.estimate.cameras;
+    for (FrameEstimate& frame : millimetres.estimate.frames) {
+      for (ImageEstimate& image : frame.images) {
         image.cam_from_world.translation *= 1000.0;
       }
       for (Eigen::Vector3d& xyz : frame.points) xyz *= 1000.0;
@@ -210,23 +141,24 @@ TEST(RefineFixedExtrinsics, UnitOfTheWorldDoesNotMatter) {
 }
 
 TEST(RefineFixedExtrinsics, ExtrinsicsStayBitIdentical) {
-  Scene scene = MakeTestScene({}).start;
-  const Scene before = scene;
+  SceneEstimate scene = MakeTestScene({}).start;
+  const SceneEstimate before = scene;
   Refine(Options(0.0), &scene);
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    const Rigid3& pose = scene.cameras[i].cam_from_world;
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    const Rigid3& pose = scene.estimate.cameras[i].cam_from_world;
     EXPECT_EQ(pose.rotation.coeffs(),
-              before.cameras[i].cam_from_world.rotation.coeffs());
-    EXPECT_EQ(pose.translation, before.cameras[i].cam_from_world.translation);
+              before.estimate.cameras[i].cam_from_world.rotation.coeffs());
+    EXPECT_EQ(pose.translation,
+              before.estimate.cameras[i].cam_from_world.translation);
   }
 }
 
 TEST(RefineFixedExtrinsics, BentPointsDoNotMatter) {
   TestScene scene = MakeTestScene({});
-  Scene expected = scene.start;
+  SceneEstimate expected = scene.start;
   Refine(Options(0.0), &expected);
   Random random({51});
-  for (Frame& frame : scene.start.frames) {
+  for (FrameEstimate& frame : scene.start.estimate.frames) {
     for (Eigen::Vector3d& xyz : frame.points) {
       xyz += RandomVector(&random, 0.3);
     }
@@ -249,36 +181,38 @@ TEST(SingleFrameMode, FramesAreIndependentBitForBit) {
   for (const double loss_scale : {0.0, 0.5}) {
     TestSceneOptions scene_options;
     scene_options.outlier_share = 0.02;
-    Scene scene = MakeTestScene(scene_options).start;
-    Scene changed = scene;
-    for (Observation& observation : changed.frames[1].observations) {
+    SceneEstimate scene = MakeTestScene(scene_options).start;
+    SceneEstimate changed = scene;
+    for (Observation& observation : changed.scene.frames[1].observations) {
       observation.xy.x() += 3.0;
     }
-    for (FrameImage& image : changed.frames[1].images) {
+    for (ImageEstimate& image : changed.estimate.frames[1].images) {
       image.params[0] *= 1.01;
     }
     Refine(SingleFrameOptions(loss_scale), &scene);
     Refine(SingleFrameOptions(loss_scale), &changed);
-    for (size_t i = 0; i < scene.cameras.size(); ++i) {
-      EXPECT_EQ(scene.frames[0].images[i].params,
-                changed.frames[0].images[i].params);
-      EXPECT_NE(scene.frames[1].images[i].params,
-                changed.frames[1].images[i].params);
+    for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+      EXPECT_EQ(scene.estimate.frames[0].images[i].params,
+                changed.estimate.frames[0].images[i].params);
+      EXPECT_NE(scene.estimate.frames[1].images[i].params,
+                changed.estimate.frames[1].images[i].params);
     }
-    EXPECT_EQ(scene.frames[0].points, changed.frames[0].points);
+    EXPECT_EQ(scene.estimate.frames[0].points,
+              changed.estimate.frames[0].points);
   }
 }
 
 TEST(SingleFrameMode, EqualsARunOfTheFrameAlone) {
-  Scene scene = MakeTestScene({}).start;
-  Scene alone = scene;
-  alone.frames.erase(alone.frames.begin());
+  SceneEstimate scene = MakeTestScene({}).start;
+  SceneEstimate alone = scene;
+  alone.scene.frames.erase(alone.scene.frames.begin());
+  alone.estimate.frames.erase(alone.estimate.frames.begin());
   Refine(SingleFrameOptions(0.0), &scene);
   Refine(Options(0.0), &alone);
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
     for (size_t j = 0; j < 4; ++j) {
-      EXPECT_NEAR(scene.frames[1].images[i].params[j],
-                  alone.cameras[i].params[j],
+      EXPECT_NEAR(scene.estimate.frames[1].images[i].params[j],
+                  alone.estimate.cameras[i].params[j],
                   1e-7);
     }
   }
@@ -287,28 +221,29 @@ TEST(SingleFrameMode, EqualsARunOfTheFrameAlone) {
 TEST(SingleFrameMode, RigHasTheMedianOfTheFrames) {
   TestSceneOptions scene_options;
   scene_options.num_frames = 3;
-  Scene scene = MakeTestScene(scene_options).start;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
   const RefinementResult result = Refine(SingleFrameOptions(0.0), &scene);
   EXPECT_TRUE(result.converged);
-  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
     for (size_t j = 0; j < 4; ++j) {
-      EXPECT_EQ(scene.cameras[i].params[j],
-                Median3(scene.frames[0].images[i].params[j],
-                        scene.frames[1].images[i].params[j],
-                        scene.frames[2].images[i].params[j]));
+      EXPECT_EQ(scene.estimate.cameras[i].params[j],
+                Median3(scene.estimate.frames[0].images[i].params[j],
+                        scene.estimate.frames[1].images[i].params[j],
+                        scene.estimate.frames[2].images[i].params[j]));
     }
   }
 }
 
 // A camera in one of two frames is known no better than by that frame alone.
 TEST(SingleFrameMode, CovarianceCountsTheFramesThatHaveTheCamera) {
-  Scene scene = MakeTestScene({}).start;
-  Frame& frame = scene.frames[1];
+  SceneEstimate scene = MakeTestScene({}).start;
+  Frame& frame = scene.scene.frames[1];
   Frame kept = frame;
   kept.images.pop_back();
+  scene.estimate.frames[1].images.pop_back();
   kept.observations.clear();
   kept.track_begins = {0};
-  for (size_t i = 0; i < frame.points.size(); ++i) {
+  for (size_t i = 0; i < frame.NumPoints(); ++i) {
     for (size_t k = frame.track_begins[i]; k < frame.track_begins[i + 1]; ++k) {
       if (frame.observations[k].image_idx + 1 < frame.images.size()) {
         kept.observations.push_back(frame.observations[k]);
@@ -317,8 +252,9 @@ TEST(SingleFrameMode, CovarianceCountsTheFramesThatHaveTheCamera) {
     kept.track_begins.push_back(kept.observations.size());
   }
   frame = kept;
-  Scene alone = scene;
-  alone.frames.resize(1);
+  SceneEstimate alone = scene;
+  alone.scene.frames.resize(1);
+  alone.estimate.frames.resize(1);
   const Eigen::MatrixXd covariance =
       Refine(SingleFrameOptions(0.0), &scene).covariance;
   const Eigen::MatrixXd expected = Refine(Options(0.0), &alone).covariance;
@@ -334,33 +270,37 @@ TEST(EstimateCauchyScale, FollowsTheNoiseUnderTheFramesOwnPoses) {
     scene_options.noise = noise;
     scene_options.num_points = 400;
     scene_options.start_error = 0.0;
-    Scene scene = MakeTestScene(scene_options).start;
+    SceneEstimate scene = MakeTestScene(scene_options).start;
     // Points at the least squares solution of the frame.
     const ceres::TrivialLoss loss;
     FixedExtrinsicsOptions options;
     options.loss = &loss;
     options.refine_focal_length = false;
     options.refine_principal_point = false;
-    SolveFixedExtrinsics(options, &scene);
-    for (RigCamera& camera : scene.cameras) {
+    Solve(options, &scene);
+    for (RigCamera& camera : scene.estimate.cameras) {
       camera.cam_from_world.translation.x() += 10.0;  // takes no part
     }
-    EXPECT_NEAR(EstimateCauchyScale(scene), 2.385 * noise, 0.15 * noise);
+    EXPECT_NEAR(EstimateCauchyScale(scene.scene, scene.estimate),
+                2.385 * noise,
+                0.15 * noise);
   }
 }
 
 TEST(SquaredResiduals, SingleFrameModeUsesTheFramesIntrinsics) {
   TestSceneOptions scene_options;
   scene_options.noise = 0.0;
-  Scene scene = MakeTestScene(scene_options).truth;
-  scene.frames[1].images[3].params[2] += 2.0;  // cx
-  const std::vector<double> rig = SquaredResiduals(scene, false);
-  const std::vector<double> single = SquaredResiduals(scene, true);
+  SceneEstimate scene = MakeTestScene(scene_options).truth;
+  scene.estimate.frames[1].images[3].params[2] += 2.0;  // cx
+  const std::vector<double> rig =
+      SquaredResiduals(scene.scene, scene.estimate, false);
+  const std::vector<double> single =
+      SquaredResiduals(scene.scene, scene.estimate, true);
   ASSERT_EQ(rig.size(), 2u * 100 * 8);
   ASSERT_EQ(single.size(), rig.size());
   for (size_t k = 0; k < rig.size(); ++k) {
     const bool changed =
-        k >= 800 && scene.frames[1].observations[k - 800].image_idx == 3;
+        k >= 800 && scene.scene.frames[1].observations[k - 800].image_idx == 3;
     EXPECT_NEAR(rig[k], 0.0, 1e-15);
     EXPECT_NEAR(single[k], changed ? 4.0 : 0.0, 1e-9);
   }
@@ -377,11 +317,10 @@ TEST(InlierRms, LeavesOutResidualsAboveFourSigma) {
 }
 
 TEST(RmsByCamera, IsOverSelectedObservations) {
-  Scene scene = MakeTestScene({}).truth;
+  Scene scene;
   scene.cameras.resize(3);
   Frame frame;
-  frame.images = {{2, {}, {}}, {0, {}, {}}};
-  frame.points = {Eigen::Vector3d::Zero()};
+  frame.images = {{2}, {0}};
   frame.observations = {{0, {}}, {1, {}}, {0, {}}};
   frame.track_begins = {0, 3};
   scene.frames = {frame};

@@ -1,7 +1,9 @@
-#include "colmap_ext/controllers/multi_frame_bundle_adjuster.h"
+#include "colmap_ext/refinement/multi_frame_bundle_adjuster.h"
 
 #include <algorithm>
 #include <map>
+#include <memory>
+#include <vector>
 
 namespace mfir {
 namespace {
@@ -15,6 +17,41 @@ colmap::BundleAdjustmentOptions ColmapOptions(
   return colmap_options;
 }
 
+void SetEstimate(const Frame& frame,
+                 const FrameEstimate& estimate,
+                 const FrameModel& model,
+                 colmap::Reconstruction* reconstruction) {
+  for (size_t i = 0; i < frame.images.size(); ++i) {
+    colmap::Image& image =
+        reconstruction->Image(model.image_ids.at(frame.images[i].camera_idx));
+    SetCamFromWorld(estimate.images[i].cam_from_world, &image);
+    reconstruction->Camera(image.CameraId())
+        .SetParams(estimate.images[i].params);
+  }
+  const std::vector<colmap::point3D_t> point_ids =
+      SortedPointIds(*reconstruction);
+  for (size_t i = 0; i < point_ids.size(); ++i) {
+    reconstruction->Point3D(point_ids[i]).SetXYZ(estimate.points[i]);
+  }
+}
+
+FrameEstimate GetEstimate(const Frame& frame,
+                          const FrameModel& model,
+                          const colmap::Reconstruction& reconstruction) {
+  FrameEstimate estimate;
+  for (const FrameImage& frame_image : frame.images) {
+    const colmap::Image& image =
+        reconstruction.Image(model.image_ids.at(frame_image.camera_idx));
+    estimate.images.push_back(
+        {CamFromWorld(image),
+         reconstruction.Camera(image.CameraId()).Params()});
+  }
+  for (const colmap::point3D_t point_id : SortedPointIds(reconstruction)) {
+    estimate.points.push_back(reconstruction.Point3D(point_id).XYZ());
+  }
+  return estimate;
+}
+
 }  // namespace
 
 MultiFrameBundleAdjuster::MultiFrameBundleAdjuster(
@@ -23,44 +60,53 @@ MultiFrameBundleAdjuster::MultiFrameBundleAdjuster(
                              colmap::BundleAdjustmentConfig()),
       multi_frame_options_(options) {}
 
-void MultiFrameBundleAdjuster::Run(const StageCallback& callback,
-                                   Capture* capture,
-                                   Scene* scene) {
+Estimate MultiFrameBundleAdjuster::Run(const StageCallback& callback,
+                                       const Capture& capture,
+                                       const Scene& scene,
+                                       Estimate estimate) {
   problem_ = std::make_unique<ceres::Problem>();
   ProgressiveSchedule schedule(multi_frame_options_,
-                               scene->frames.size(),
-                               &scene->cameras,
+                               scene.frames.size(),
+                               &estimate.cameras,
                                problem_.get());
-  for (size_t i = 0; i < scene->cameras.size(); ++i) {
-    if (scene->cameras[i].constant_intrinsics) {
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    if (scene.cameras[i].constant_intrinsics) {
       config_.SetConstantCamera(static_cast<colmap::camera_t>(i + 1));
     }
   }
-  size_t frame_idx = 0;
-  for (FrameModel& frame : capture->frames) {
-    if (!frame.skip_reason.empty()) continue;
-    const Frame& scene_frame = scene->frames[frame_idx++];
-    // Same start for held parameters in all frames, see InitializeIntrinsics.
-    for (const FrameImage& image : scene_frame.images) {
-      frame.reconstruction
-          ->Camera(static_cast<colmap::camera_t>(image.camera_idx + 1))
-          .SetParams(image.params);
-    }
-    AddFrame(scene_frame, &frame, &schedule);
+  // COLMAP's residual blocks need a reconstruction that holds the variables.
+  std::vector<const FrameModel*> models;
+  std::vector<std::unique_ptr<colmap::Reconstruction>> reconstructions;
+  for (const FrameModel& model : capture.frames) {
+    if (!model.skip_reason.empty()) continue;
+    const size_t f = models.size();
+    models.push_back(&model);
+    reconstructions.push_back(
+        std::make_unique<colmap::Reconstruction>(*model.reconstruction));
+    SetEstimate(scene.frames[f],
+                estimate.frames[f],
+                model,
+                reconstructions.back().get());
+    AddFrame(scene.frames[f], model, reconstructions.back().get(), &schedule);
   }
   schedule.Run(options_.solver_options, callback);
+  for (size_t f = 0; f < models.size(); ++f) {
+    estimate.frames[f] =
+        GetEstimate(scene.frames[f], *models[f], *reconstructions[f]);
+  }
+  return estimate;
 }
 
 void MultiFrameBundleAdjuster::AddFrame(const Frame& scene_frame,
-                                        FrameModel* frame,
+                                        const FrameModel& frame,
+                                        colmap::Reconstruction* reconstruction,
                                         ProgressiveSchedule* schedule) {
-  colmap::Reconstruction* reconstruction = frame->reconstruction.get();
   camera_ids_.clear();
   point3D_num_observations_.clear();
   ceres::LossFunction* loss =
       schedule->BeginFrame(scene_frame.observations.size());
   std::vector<ImageBlocks> images;
-  for (const auto& idx_and_image : frame->image_ids) {
+  for (const auto& idx_and_image : frame.image_ids) {
     AddImageToProblem(idx_and_image.second, reconstruction, loss);
     colmap::Image& image = reconstruction->Image(idx_and_image.second);
     // An image without observations has no blocks in the problem.

@@ -1,4 +1,7 @@
-#include "colmap_ext/controllers/scene_features.h"
+#include "colmap_ext/refinement/scene_features.h"
+
+#include <utility>
+#include <vector>
 
 #include "colmap_ext/feature/dense_feature_sources.h"
 #include "src/feature/cost_maps.h"
@@ -24,18 +27,20 @@ std::vector<DenseFeatureRequest> AllImages(const Scene& scene) {
 
 }  // namespace
 
-void AddDenseFeatures(const MultiFrameOptions& options,
-                      const std::string& image_path,
-                      const std::function<void(const std::string&)>& log,
-                      Scene* scene) {
-  if (options.dense_features == "none") return;
+Scene AddDenseFeatures(const MultiFrameOptions& options,
+                       const std::string& image_path,
+                       const std::function<void(const std::string&)>& log,
+                       Scene scene) {
+  if (options.dense_features == "none") return scene;
   const std::unique_ptr<DenseFeatureSource> source =
-      MakeDenseFeatureSource(options, image_path, AllImages(*scene), log);
+      MakeDenseFeatureSource(options, image_path, AllImages(scene), log);
   CostMapOptions cost_map_options;
   cost_map_options.use_gpu = options.use_gpu;
   cost_map_options.gpu_index = options.gpu_index;
   cost_map_options.num_threads = options.num_threads;
-  ComputeCostMaps(
+  std::vector<std::string> frame_names;
+  for (const Frame& frame : scene.frames) frame_names.push_back(frame.name);
+  scene = ComputeCostMaps(
       cost_map_options,
       source.get(),
       [&](size_t frame_idx, const CostMapSummary& summary) {
@@ -43,20 +48,22 @@ void AddDenseFeatures(const MultiFrameOptions& options,
         log(colmap::StringPrintf(
             "Frame '%s' (%zu / %zu): cost maps of %zu of %zu observations, "
             "features %.1f s, cost maps %.1f s (%s)",
-            scene->frames[frame_idx].name.c_str(),
+            frame_names[frame_idx].c_str(),
             frame_idx + 1,
-            scene->frames.size(),
+            frame_names.size(),
             summary.num_cost_maps,
             summary.num_observations,
             summary.extraction_time_s,
             summary.cost_map_time_s,
             summary.device.c_str()));
       },
-      scene);
+      std::move(scene));
   source->Finish();
   if (options.loss_scale == 0.0) {
-    FindFeatureKeypoints(options.EffectiveNumThreads(), scene);
+    scene =
+        FindFeatureKeypoints(options.EffectiveNumThreads(), std::move(scene));
   }
+  return scene;
 }
 
 }  // namespace mfir

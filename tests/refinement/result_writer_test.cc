@@ -1,6 +1,6 @@
 // What may be written.
 
-#include "colmap_ext/exe/result_writer.h"
+#include "colmap_ext/refinement/result_writer.h"
 
 #include <limits>
 
@@ -24,29 +24,16 @@ class CheckFiniteTest : public testing::Test {
     camera.params = {500, 500, 320, 240};
     result_.cameras = {camera};
     result_.rms_px_after = {0.5, 0.5};
-    FrameModel& frame = capture_.frames.emplace_back();
-    frame.name = "f1";
-    frame.reconstruction = std::make_unique<host::Reconstruction>();
-    host::AddCameraWithTrivialRig(
-        host::MakeCamera(
-            1, CameraModelId(*camera.model), 640, 480, camera.params),
-        frame.reconstruction.get());
-    host::Image image;
-    image.SetImageId(1);
-    image.SetCameraId(1);
-    Rigid3 pose;
-    pose.translation.z() = 1.0;
-    host::AddImageWithTrivialFrame(image, pose, frame.reconstruction.get());
-    frame.reconstruction->AddPoint3D(Eigen::Vector3d(0, 0, 1), {});
-    // A frame that is left out has no reconstruction.
-    capture_.frames.emplace_back().skip_reason = "none";
-    result_.capture = &capture_;
+    scene_.frames.emplace_back().name = "f1";
+    FrameEstimate& frame = result_.refined.estimate.frames.emplace_back();
+    frame.images = {{Rigid3(), camera.params}};
+    frame.points = {Eigen::Vector3d(0, 0, 1)};
   }
 
   // Expects an error that names `what`.
   void ExpectError(const std::string& what) {
     try {
-      CheckFinite(result_);
+      CheckFinite(scene_, result_);
       ADD_FAILURE() << what;
     } catch (const Error& error) {
       EXPECT_EQ(error.exit_code, kExitSolver);
@@ -55,17 +42,17 @@ class CheckFiniteTest : public testing::Test {
     }
   }
 
-  host::Reconstruction& Model() { return *capture_.frames[0].reconstruction; }
+  FrameEstimate& Frame() { return result_.refined.estimate.frames[0]; }
 
-  Capture capture_;
+  Scene scene_;
   RefinerResult result_;
 };
 
 TEST_F(CheckFiniteTest, AcceptsFiniteNumbers) {
-  EXPECT_NO_THROW(CheckFinite(result_));
+  EXPECT_NO_THROW(CheckFinite(scene_, result_));
   // Of a camera without observations.
   result_.rms_px_after[0] = kNaN;
-  EXPECT_NO_THROW(CheckFinite(result_));
+  EXPECT_NO_THROW(CheckFinite(scene_, result_));
 }
 
 TEST_F(CheckFiniteTest, IntrinsicsOfTheRig) {
@@ -84,19 +71,15 @@ TEST_F(CheckFiniteTest, Rms) {
 }
 
 TEST_F(CheckFiniteTest, IntrinsicsOfAFrame) {
-  host::SetParams({500, kNaN, 0, 0}, &Model().Camera(1));
+  Frame().images[0].params[1] = kNaN;
+  // Those of the rig are written.
+  EXPECT_NO_THROW(CheckFinite(scene_, result_));
+  result_.single_frame_mode = true;
   ExpectError("parameter of frame 'f1'");
 }
 
-TEST_F(CheckFiniteTest, PoseOfAFrame) {
-  Rigid3 pose;
-  pose.translation.y() = kNaN;
-  host::SetCamFromWorld(pose, &Model().Image(1));
-  ExpectError("pose of frame 'f1'");
-}
-
 TEST_F(CheckFiniteTest, PointOfAFrame) {
-  host::Xyz(&Model().Point3D(1)) = Eigen::Vector3d(kNaN, 0, 0);
+  Frame().points[0].y() = kNaN;
   ExpectError("point of frame 'f1'");
 }
 

@@ -21,8 +21,9 @@ class Progress {
   // Begins a stage, or goes on with it.
   void Heading(const std::string& name);
   void Log(const std::string& line) const;
-  // Appends to `stages`, which must outlive the callback, and logs a line each.
-  StageCallback RecordStages(std::vector<Stage>* stages) const;
+  // Keeps the solves and logs a line each. This must outlive the callback.
+  StageCallback RecordStages();
+  const std::vector<Stage>& Stages() const { return stages_; }
   // Of the stages so far, and their sum as "total".
   std::vector<std::pair<std::string, double>> Timings();
 
@@ -33,6 +34,7 @@ class Progress {
   std::string name_;
   std::chrono::steady_clock::time_point start_;
   std::vector<std::pair<std::string, double>> timings_;
+  std::vector<Stage> stages_;
 };
 
 }  // namespace mfir

@@ -7,6 +7,7 @@
 #include "colmap_ext/host/compat.h"
 #include "src/refinement/options.h"
 #include "src/refinement/progressive_schedule.h"
+#include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
@@ -18,14 +19,17 @@ class MultiFrameBundleAdjuster : public colmap::BundleAdjuster {
  public:
   explicit MultiFrameBundleAdjuster(const MultiFrameOptions& options);
 
-  // Refines poses, points and intrinsics of the used frames in place, and the
-  // global intrinsics of scene->cameras. `scene` must be the capture's. Throws
-  // SolverError.
-  void Run(const StageCallback& callback, Capture* capture, Scene* scene);
+  // Refines poses, points and intrinsics of the frames, and the intrinsics of
+  // the rig's cameras. `scene` must be the capture's. Throws SolverError.
+  Estimate Run(const StageCallback& callback,
+               const Capture& capture,
+               const Scene& scene,
+               Estimate start);
 
  private:
   void AddFrame(const Frame& scene_frame,
-                FrameModel* frame,
+                const FrameModel& frame,
+                colmap::Reconstruction* reconstruction,
                 ProgressiveSchedule* schedule);
   void AddFeaturemetric(const Frame& scene_frame,
                         const std::vector<ImageBlocks>& images,

@@ -1,4 +1,4 @@
-#include "colmap_ext/exe/result_writer.h"
+#include "colmap_ext/refinement/result_writer.h"
 
 #include <sys/resource.h>
 
@@ -44,10 +44,11 @@ void WriteTextFile(const fs::path& path, const std::string& text) {
 }
 
 // The refined intrinsics with the extrinsics as they were given.
-std::vector<KnownCamera> GivenCameras(const RefinerResult& result) {
+std::vector<KnownCamera> GivenCameras(const Capture& capture,
+                                      const RefinerResult& result) {
   std::vector<KnownCamera> cameras = result.cameras;
   for (size_t i = 0; i < cameras.size(); ++i) {
-    cameras[i].cam_from_world = result.capture->cameras[i].cam_from_world;
+    cameras[i].cam_from_world = capture.cameras[i].cam_from_world;
   }
   return cameras;
 }
@@ -82,7 +83,7 @@ Json MakeCorrelations(const Eigen::MatrixXd& covariance) {
 
 // Standard deviations of what all cameras share, the weak modes of a dome.
 Json MakeModes(const RefinerResult& result) {
-  const Eigen::MatrixXd& covariance = result.refinement.covariance;
+  const Eigen::MatrixXd& covariance = result.refined.refinement.covariance;
   Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(covariance.rows(), 3);
   const double num_cameras = static_cast<double>(result.cameras.size());
   Eigen::Index begin = 0;
@@ -166,18 +167,18 @@ std::string MakeHistory(const std::vector<Stage>& stages) {
   return csv.str();
 }
 
-Json MakeFrames(const RefinerResult& result) {
+Json MakeFrames(const Tracks& tracks) {
   Json frames = Json::array();
   size_t frame_idx = 0;
-  for (const FrameModel& model : result.capture->frames) {
+  for (const FrameModel& model : tracks.capture.frames) {
     const bool used = model.skip_reason.empty();
-    const Frame* frame = used ? &result.scene->frames[frame_idx++] : nullptr;
+    const Frame* frame = used ? &tracks.scene.frames[frame_idx++] : nullptr;
     frames.push_back(
         {{"name", model.name},
          {"status", used ? "used" : "skipped"},
          {"reason", model.skip_reason},
          {"num_images", used ? frame->images.size() : 0},
-         {"num_points", used ? frame->points.size() : 0},
+         {"num_points", used ? frame->NumPoints() : 0},
          {"num_observations", used ? frame->observations.size() : 0},
          {"alignment_rms", used ? Json(model.alignment_rms) : Json(nullptr)}});
   }
@@ -199,8 +200,8 @@ Json DriftToJson(const std::optional<CameraDrift>& drift) {
           {"principal_point_stds", drift->principal_point_stds}};
 }
 
-Json MakeCameras(const RefinerResult& result) {
-  const Scene& scene = *result.scene;
+Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
+  const Scene& scene = tracks.scene;
   std::vector<size_t> num_frames(scene.cameras.size(), 0);
   std::vector<size_t> num_observations(scene.cameras.size(), 0);
   for (const Frame& frame : scene.frames) {
@@ -217,18 +218,18 @@ Json MakeCameras(const RefinerResult& result) {
   Json cameras = Json::array();
   Eigen::Index param_begin = 0;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
-    const RigCamera& camera = scene.cameras[i];
+    const RigCamera& camera = result.refined.estimate.cameras[i];
     Json params_std = Json::array();
     const Eigen::Index num_params =
         static_cast<Eigen::Index>(camera.params.size());
     const Json correlations =
-        MakeCorrelations(result.refinement.covariance.block(
+        MakeCorrelations(result.refined.refinement.covariance.block(
             param_begin, param_begin, num_params, num_params));
-    bool determined = !result.refinement.held_cameras[i];
+    bool determined = !result.refined.refinement.held_cameras[i];
     for (size_t j = 0; j < camera.params.size(); ++j) {
       const Eigen::Index k = param_begin + static_cast<Eigen::Index>(j);
-      const double variance = result.took_part[i]
-                                  ? result.refinement.covariance(k, k)
+      const double variance = result.refined.took_part[i]
+                                  ? result.refined.refinement.covariance(k, k)
                                   : std::nan("");
       params_std.push_back(NumberOrNull(std::sqrt(variance)));
       determined = determined && std::isfinite(variance);
@@ -241,11 +242,11 @@ Json MakeCameras(const RefinerResult& result) {
     }
     param_begin += num_params;
     Json flags = Json::array();
-    if (!result.took_part[i]) flags.push_back("no_observations");
-    if (result.took_part[i] && !determined) {
+    if (!result.refined.took_part[i]) flags.push_back("no_observations");
+    if (result.refined.took_part[i] && !determined) {
       flags.push_back("weakly_determined");
     }
-    if (result.capture->contradicting_cameras.count(camera.name) > 0) {
+    if (result.contradictions.count(camera.name) > 0) {
       flags.push_back("contradicts_extrinsics");
     }
     const bool unusual_drift =
@@ -253,7 +254,8 @@ Json MakeCameras(const RefinerResult& result) {
     if (unusual_drift) flags.push_back("unusual_drift");
     const PoseDisagreement& pose = result.pose_disagreements[i];
     if (pose.is_moved) flags.push_back("moved");
-    if (result.refinement.held_cameras[i]) flags.push_back("held_at_start");
+    if (result.refined.refinement.held_cameras[i])
+      flags.push_back("held_at_start");
     if (camera.constant_intrinsics) flags.push_back("constant");
     if (num_frames[i] == 1) flags.push_back("single_frame");
     cameras.push_back(
@@ -262,7 +264,7 @@ Json MakeCameras(const RefinerResult& result) {
          {"width", camera.width},
          {"height", camera.height},
          {"params", camera.params},
-         {"params_initial", result.initial_params[i]},
+         {"params_initial", scene.cameras[i].params},
          {"params_std", params_std},
          {"correlations", correlations},
          {"drift",
@@ -276,7 +278,7 @@ Json MakeCameras(const RefinerResult& result) {
          {"flags", flags}});
     if (result.soft_extrinsics) {
       cameras.back()["extrinsics_correction"] =
-          MakeCorrection(result.capture->cameras[i], result.cameras[i]);
+          MakeCorrection(tracks.capture.cameras[i], result.cameras[i]);
     }
   }
   return cameras;
@@ -313,7 +315,7 @@ size_t PeakRss() {
 
 }  // namespace
 
-void CheckFinite(const RefinerResult& result) {
+void CheckFinite(const Scene& scene, const RefinerResult& result) {
   const auto require = [](bool is_finite, const std::string& what) {
     if (!is_finite) {
       throw SolverError("The solver failed: " + what +
@@ -327,25 +329,26 @@ void CheckFinite(const RefinerResult& result) {
     require(IsFinite(camera.cam_from_world), "the pose" + what);
   }
   require(std::isfinite(result.rms_px_after.back()), "the rms after is");
-  for (const FrameModel& frame : result.capture->frames) {
-    if (!frame.skip_reason.empty()) continue;
-    const std::string what = " of frame '" + frame.name + "' is";
-    for (const auto& id_and_camera : frame.reconstruction->Cameras()) {
-      require(AllFinite(id_and_camera.second.Params()),
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const std::string what = " of frame '" + scene.frames[f].name + "' is";
+    const FrameEstimate& frame = result.refined.estimate.frames[f];
+    for (const ImageEstimate& image : frame.images) {
+      require(!result.single_frame_mode || AllFinite(image.params),
               "an intrinsic parameter" + what);
     }
-    for (const auto& id_and_image : frame.reconstruction->Images()) {
-      require(IsFinite(CamFromWorld(id_and_image.second)), "a pose" + what);
-    }
-    for (const auto& id_and_point : frame.reconstruction->Points3D()) {
-      require(id_and_point.second.XYZ().allFinite(), "a point" + what);
+    for (const Eigen::Vector3d& xyz : frame.points) {
+      require(xyz.allFinite(), "a point" + what);
     }
   }
 }
 
-Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
+Json MakeSummary(const OptionParser& options,
+                 const Tracks& tracks,
+                 const RefinerResult& result,
+                 const RunReport& report) {
+  const RefinementResult& refinement = result.refined.refinement;
   Json timings = Json::object();
-  for (const auto& name_and_time : result.timings_s) {
+  for (const auto& name_and_time : report.timings_s) {
     timings[name_and_time.first] = name_and_time.second;
   }
   Json summary = {
@@ -355,33 +358,33 @@ Json MakeSummary(const OptionParser& options, const RefinerResult& result) {
         {"colmap_version", colmap::GetVersionInfo()},
         {"git", MFIR_GIT_COMMIT}}},
       {"options", options.ToJson()},
-      {"inputs", result.inputs},
-      {"frames", MakeFrames(result)},
-      {"cameras", MakeCameras(result)},
-      {"stages", MakeStages(result.stages)},
+      {"inputs", report.inputs},
+      {"frames", MakeFrames(tracks)},
+      {"cameras", MakeCameras(tracks, result)},
+      {"stages", MakeStages(report.stages)},
       {"result",
        {{"status", result.status},
         {"rms_px_before", NumberOrNull(result.rms_px_before.back())},
         {"rms_px_after", NumberOrNull(result.rms_px_after.back())},
-        {"held_out_rms_px", NumberOrNull(result.held_out_rms_px)},
+        {"held_out_rms_px", NumberOrNull(result.refined.held_out_rms_px)},
         {"static_points",
-         {{"num_points", result.static_points->NumPoints()},
-          {"num_tracks", result.static_points->NumTracks()},
-          {"observation_share", result.static_points->ObservationShare()}}},
+         {{"num_points", result.static_points.num_points},
+          {"num_tracks", result.static_points.num_tracks},
+          {"observation_share", result.static_points.observation_share}}},
         {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
-        {"last_step_stds", result.refinement.last_step_stds},
-        {"last_focal_change", result.refinement.last_focal_change},
-        {"noise_std_px", result.refinement.noise_std_px},
+        {"last_step_stds", refinement.last_step_stds},
+        {"last_focal_change", refinement.last_focal_change},
+        {"noise_std_px", refinement.noise_std_px},
         {"feature_noise_std_px",
-         result.refinement.feature_noise_std_px > 0.0
-             ? Json(result.refinement.feature_noise_std_px)
+         refinement.feature_noise_std_px > 0.0
+             ? Json(refinement.feature_noise_std_px)
              : Json(nullptr)},
-        {"outlier_share", result.refinement.outlier_share},
+        {"outlier_share", refinement.outlier_share},
         {"modes", MakeModes(result)}}},
       {"timings_s", timings},
       {"peak_rss_bytes", PeakRss()}};
-  if (!result.evaluation.is_null()) {
-    summary["evaluation"] = result.evaluation;
+  if (!report.evaluation.is_null()) {
+    summary["evaluation"] = report.evaluation;
   }
   return summary;
 }
@@ -398,9 +401,11 @@ const std::vector<std::string>& ResultNames() {
 }
 
 WrittenResult WriteResult(const OptionParser& options,
+                          const Tracks& tracks,
                           const RefinerResult& result,
+                          const RunReport& report,
                           OutputFolder* output) {
-  CheckFinite(result);
+  CheckFinite(tracks.scene, result);
   WrittenResult written;
   const fs::path& path = output->TemporaryPath();
   try {
@@ -408,14 +413,20 @@ WrittenResult WriteResult(const OptionParser& options,
     if (result.soft_extrinsics) {
       WriteModel((path / "rig_given").string(),
                  true,
-                 MakeRigModel(GivenCameras(result)));
+                 MakeRigModel(GivenCameras(tracks.capture, result)));
     }
-    for (const FrameModel& model : result.capture->frames) {
-      if (model.skip_reason.empty()) {
-        WriteModel((path / "frames" / model.name).string(),
-                   false,
-                   *model.reconstruction);
-      }
+    size_t frame_idx = 0;
+    for (const FrameModel& model : tracks.capture.frames) {
+      if (!model.skip_reason.empty()) continue;
+      WriteModel((path / "frames" / model.name).string(),
+                 false,
+                 RefinedReconstruction(result.rig_from_normalized,
+                                       model,
+                                       tracks.scene,
+                                       result.refined.estimate,
+                                       frame_idx++,
+                                       result.cameras,
+                                       result.single_frame_mode));
     }
     for (const std::string& name :
          WriteKRT((path / "KRT").string(), result.cameras)) {
@@ -423,9 +434,9 @@ WrittenResult WriteResult(const OptionParser& options,
                                 name + "'; it has zeros there.");
     }
     options.Write((path / "project.ini").string());
-    WriteTextFile(path / "history.csv", MakeHistory(result.stages));
+    WriteTextFile(path / "history.csv", MakeHistory(report.stages));
     WriteTextFile(path / "summary.json",
-                  MakeSummary(options, result)
+                  MakeSummary(options, tracks, result, report)
                           .dump(2, ' ', false, Json::error_handler_t::replace) +
                       "\n");
     written.path = output->Publish(result.status == "converged").string();

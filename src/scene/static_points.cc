@@ -1,4 +1,4 @@
-#include "src/refinement/static_points.h"
+#include "src/scene/static_points.h"
 
 #include <cstdint>
 #include <map>
@@ -10,12 +10,6 @@
 
 namespace mfir {
 namespace {
-
-struct MergedTrack {
-  size_t frame_idx = 0;
-  Eigen::Vector3d xyz;
-  std::vector<Observation> observations;
-};
 
 // Keypoints of a static point in a camera.
 struct CameraKeypoints {
@@ -69,9 +63,9 @@ MergedTrack MergeTracks(const Scene& scene,
     const std::pair<size_t, size_t> score = {observations.size(), num_seen};
     if (score <= best) continue;
     best = score;
-    merged = {track.frame_idx,
-              frame.points[track.point_idx],
-              std::move(observations)};
+    merged.frame_idx = track.frame_idx;
+    merged.point_idx = track.point_idx;
+    merged.observations = std::move(observations);
   }
   return merged;
 }
@@ -84,67 +78,41 @@ size_t NumObservations(const Scene& scene) {
 
 }  // namespace
 
-StaticPoints::StaticPoints(const std::string& treatment, Scene* scene) {
-  const std::vector<std::vector<TrackIndex>> points = FindStaticPoints(*scene);
-  std::vector<std::vector<bool>> is_static;
-  for (const Frame& frame : scene->frames) {
-    is_static.emplace_back(frame.points.size(), false);
-  }
+Selection SelectStaticPoints(const std::string& treatment,
+                             const Scene& scene,
+                             StaticPointStatistics* statistics) {
+  const std::vector<std::vector<TrackIndex>> points = FindStaticPoints(scene);
+  const TrackRole role = treatment == "keep"    ? TrackRole::kFitted
+                         : treatment == "merge" ? TrackRole::kMerged
+                                                : TrackRole::kDropped;
+  Selection selection = FittedTracks(scene);
   size_t num_observations = 0;
+  *statistics = StaticPointStatistics();
+  statistics->num_points = points.size();
   for (const std::vector<TrackIndex>& tracks : points) {
-    num_tracks_ += tracks.size();
+    statistics->num_tracks += tracks.size();
     for (const auto& [frame_idx, point_idx] : tracks) {
-      is_static[frame_idx][point_idx] = true;
-      const Frame& frame = scene->frames[frame_idx];
+      selection.roles[frame_idx][point_idx] = role;
+      const Frame& frame = scene.frames[frame_idx];
       num_observations +=
           frame.track_begins[point_idx + 1] - frame.track_begins[point_idx];
     }
+    if (role == TrackRole::kMerged) {
+      selection.merged.push_back(MergeTracks(scene, tracks));
+    }
   }
-  num_points_ = points.size();
-  const size_t num_all = NumObservations(*scene);
+  const size_t num_all = NumObservations(scene);
   if (num_all > 0) {
-    observation_share_ =
+    statistics->observation_share =
         static_cast<double>(num_observations) / static_cast<double>(num_all);
   }
-  if (treatment == "keep" || points.empty()) return;
-
-  num_merged_.assign(scene->frames.size(), 0);
-  std::vector<MergedTrack> merged;
-  if (treatment == "merge") {
-    for (const std::vector<TrackIndex>& tracks : points) {
-      merged.push_back(MergeTracks(*scene, tracks));
-    }
-  } else if (num_observations == num_all) {
+  if (role == TrackRole::kDropped && num_observations == num_all &&
+      !points.empty()) {
     throw InputError(
         "All tracks are in place in several frames, so that "
         "--MultiFrame.static_points drop leaves none. Use merge.");
   }
-  tracks_.emplace(std::move(is_static), scene);
-  for (const MergedTrack& track : merged) {
-    Frame& frame = scene->frames[track.frame_idx];
-    frame.points.push_back(track.xyz);
-    frame.observations.insert(frame.observations.end(),
-                              track.observations.begin(),
-                              track.observations.end());
-    frame.track_begins.push_back(frame.observations.size());
-    ++num_merged_[track.frame_idx];
-  }
-}
-
-void StaticPoints::PutBack(Scene* scene) const {
-  if (!tracks_) return;
-  for (size_t f = 0; f < scene->frames.size(); ++f) {
-    Frame& frame = scene->frames[f];
-    frame.points.resize(frame.points.size() - num_merged_[f]);
-    frame.track_begins.resize(frame.points.size() + 1);
-    frame.observations.resize(frame.track_begins.back());
-  }
-  tracks_->PutBack(scene);
-}
-
-void StaticPoints::FitPoints(const MultiFrameOptions& options,
-                             const Scene& refined) {
-  if (tracks_) tracks_->FitPoints(options, refined);
+  return selection;
 }
 
 }  // namespace mfir

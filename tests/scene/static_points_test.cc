@@ -1,11 +1,13 @@
-#include "src/refinement/static_points.h"
-#include "src/scene/static_point_search.h"
+#include "src/scene/static_points.h"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "src/refinement/initial_intrinsics.h"
 #include "src/refinement/refinement.h"
+#include "src/scene/held_out_tracks.h"
+#include "src/scene/static_point_search.h"
 #include "src/util/errors.h"
 #include "tests/support/test_scenes.h"
 
@@ -16,15 +18,6 @@ constexpr size_t kNumFrames = 3;
 constexpr size_t kNumMoving = 40;  // per frame
 constexpr size_t kNumStatic = 60;
 
-void AppendTrack(const Frame& source, size_t point_idx, Frame* target) {
-  target->points.push_back(source.points[point_idx]);
-  target->observations.insert(
-      target->observations.end(),
-      source.observations.begin() + source.track_begins[point_idx],
-      source.observations.begin() + source.track_begins[point_idx + 1]);
-  target->track_begins.push_back(target->observations.size());
-}
-
 void Jitter(double sigma, Random* random, Frame* frame) {
   for (Observation& observation : frame->observations) {
     observation.xy +=
@@ -33,13 +26,16 @@ void Jitter(double sigma, Random* random, Frame* frame) {
 }
 
 // The frame `num_frames` times, with other errors of the keypoints (px).
-Scene Repeat(const Scene& scene, size_t num_frames, double jitter) {
+SceneEstimate Repeat(const SceneEstimate& one,
+                     size_t num_frames,
+                     double jitter) {
   Random random({5});
-  Scene repeated = scene;
-  repeated.frames.assign(num_frames, scene.frames[0]);
+  SceneEstimate repeated = one;
+  repeated.scene.frames.assign(num_frames, one.scene.frames[0]);
+  repeated.estimate.frames.assign(num_frames, one.estimate.frames[0]);
   for (size_t f = 0; f < num_frames; ++f) {
-    repeated.frames[f].name = "frame" + std::to_string(f);
-    Jitter(jitter, &random, &repeated.frames[f]);
+    repeated.scene.frames[f].name = "frame" + std::to_string(f);
+    Jitter(jitter, &random, &repeated.scene.frames[f]);
   }
   return repeated;
 }
@@ -50,17 +46,33 @@ TestScene MakeStaticScene(double jitter, const TestSceneOptions& base = {}) {
   options.num_frames = kNumFrames + 1;
   options.num_points = kNumMoving + kNumStatic;
   TestScene result = MakeTestScene(options);
-  for (Scene* scene : {&result.truth, &result.start}) {
+  for (SceneEstimate* capture : {&result.truth, &result.start}) {
     Random random({6});
-    const Frame common = scene->frames.back();
-    scene->frames.pop_back();
-    for (Frame& frame : scene->frames) {
-      frame.points.resize(kNumMoving);
+    const Frame common = capture->scene.frames.back();
+    const FrameEstimate common_estimate = capture->estimate.frames.back();
+    const size_t num_observations = common.track_begins[kNumStatic];
+    capture->scene.frames.pop_back();
+    capture->estimate.frames.pop_back();
+    for (size_t f = 0; f < kNumFrames; ++f) {
+      Frame& frame = capture->scene.frames[f];
+      Frame repeated = common;
+      Jitter(capture == &result.truth ? 0.0 : jitter, &random, &repeated);
       frame.track_begins.resize(kNumMoving + 1);
       frame.observations.resize(frame.track_begins.back());
-      Frame repeated = common;
-      Jitter(scene == &result.truth ? 0.0 : jitter, &random, &repeated);
-      for (size_t i = 0; i < kNumStatic; ++i) AppendTrack(repeated, i, &frame);
+      for (size_t i = 1; i <= kNumStatic; ++i) {
+        frame.track_begins.push_back(frame.track_begins[kNumMoving] +
+                                     common.track_begins[i]);
+      }
+      frame.observations.insert(
+          frame.observations.end(),
+          repeated.observations.begin(),
+          repeated.observations.begin() +
+              static_cast<std::ptrdiff_t>(num_observations));
+      std::vector<Eigen::Vector3d>& points = capture->estimate.frames[f].points;
+      points.resize(kNumMoving);
+      points.insert(points.end(),
+                    common_estimate.points.begin(),
+                    common_estimate.points.begin() + kNumStatic);
     }
   }
   return result;
@@ -77,9 +89,8 @@ void AddTrack(size_t begin, size_t end, double shift, Frame* frame) {
     frame->observations.push_back(
         {i,
          Keypoint(i) + Eigen::Vector2d(shift, 0.0),
-         static_cast<uint32_t>(10 * frame->points.size() + i)});
+         static_cast<uint32_t>(10 * frame->NumPoints() + i)});
   }
-  frame->points.emplace_back(shift, 0.0, 1.0);
   frame->track_begins.push_back(frame->observations.size());
 }
 
@@ -90,7 +101,7 @@ Scene EmptyScene(size_t num_frames, size_t num_cameras) {
   scene.frames.resize(num_frames);
   for (Frame& frame : scene.frames) {
     for (size_t i = 0; i < num_cameras; ++i) {
-      frame.images.push_back({i, Rigid3(), {}});
+      frame.images.push_back({i});
     }
   }
   return scene;
@@ -98,15 +109,12 @@ Scene EmptyScene(size_t num_frames, size_t num_cameras) {
 
 size_t NumTracks(const Scene& scene) {
   size_t count = 0;
-  for (const Frame& frame : scene.frames) count += frame.points.size();
+  for (const Frame& frame : scene.frames) count += frame.NumPoints();
   return count;
 }
 
 void ExpectSameTracks(const Frame& a, const Frame& b) {
   ASSERT_EQ(a.track_begins, b.track_begins);
-  for (size_t i = 0; i < b.points.size(); ++i) {
-    EXPECT_EQ(a.points[i], b.points[i]);
-  }
   for (size_t k = 0; k < b.observations.size(); ++k) {
     EXPECT_EQ(a.observations[k].xy, b.observations[k].xy);
     EXPECT_EQ(a.observations[k].image_idx, b.observations[k].image_idx);
@@ -122,16 +130,39 @@ MultiFrameOptions Options() {
 }
 
 // Standard deviations of all intrinsics.
-Eigen::VectorXd RefinedStds(Scene scene) {
-  InitializeIntrinsics(Options(), &scene);
+Eigen::VectorXd RefinedStds(SceneEstimate start) {
+  start = InitializeIntrinsics(Options(), std::move(start));
   return RefineFixedExtrinsics(
-             Options(), true, [](const Stage&) {}, &scene)
+             Options(), true, [](const Stage&) {}, start.scene, start.estimate)
       .covariance.diagonal()
       .cwiseSqrt();
 }
 
+// An estimate without meaning for a scene.
+Estimate EmptyEstimate(const Scene& scene) {
+  Estimate estimate;
+  estimate.cameras = scene.cameras;
+  for (const Frame& frame : scene.frames) {
+    FrameEstimate& frame_estimate = estimate.frames.emplace_back();
+    frame_estimate.images.resize(frame.images.size());
+    frame_estimate.points.resize(frame.NumPoints(), Eigen::Vector3d::Zero());
+  }
+  return estimate;
+}
+
+// The scene that is fitted.
+Scene Fitted(const std::string& treatment,
+             const Scene& scene,
+             StaticPointStatistics* statistics) {
+  return SelectTracks(SelectStaticPoints(treatment, scene, statistics),
+                      TrackRole::kFitted,
+                      scene,
+                      EmptyEstimate(scene))
+      .scene;
+}
+
 TEST(FindStaticPoints, FindsCopiesAndNothingThatMoves) {
-  const Scene scene = MakeStaticScene(0.2).start;
+  const Scene scene = MakeStaticScene(0.2).start.scene;
   const auto points = FindStaticPoints(scene);
   ASSERT_EQ(points.size(), kNumStatic);
   for (size_t i = 0; i < points.size(); ++i) {
@@ -218,14 +249,15 @@ TEST(StaticPoints, MergedTrackHasTheMediansOfAllCameras) {
   AddTrack(0, 5, 0.5, &scene.frames[2]);
   AddTrack(1, 6, 300.0, &scene.frames[1]);
   AddTrack(2, 6, 0.3, &scene.frames[2]);
-  const StaticPoints static_points("merge", &scene);
-  EXPECT_EQ(static_points.NumPoints(), 1);
-  EXPECT_EQ(static_points.NumTracks(), 4);
-  EXPECT_DOUBLE_EQ(static_points.ObservationShare(), 17.0 / 22.0);
-  EXPECT_TRUE(scene.frames[0].points.empty());
-  EXPECT_TRUE(scene.frames[1].points.size() == 1);
+  StaticPointStatistics statistics;
+  const Scene fitted = Fitted("merge", scene, &statistics);
+  EXPECT_EQ(statistics.num_points, 1);
+  EXPECT_EQ(statistics.num_tracks, 4);
+  EXPECT_DOUBLE_EQ(statistics.observation_share, 17.0 / 22.0);
+  EXPECT_EQ(fitted.frames[0].NumPoints(), 0);
+  EXPECT_EQ(fitted.frames[1].NumPoints(), 1);
   // Frame 2 sees it in all cameras.
-  const Frame& frame = scene.frames[2];
+  const Frame& frame = fitted.frames[2];
   ASSERT_EQ(frame.track_begins, (std::vector<size_t>{0, 6}));
   for (size_t i = 0; i < 6; ++i) {
     const Observation& observation = frame.observations[i];
@@ -248,11 +280,12 @@ TEST(StaticPoints, MergedTrackIsWhereTheImagesAre) {
   frame.observations.erase(frame.observations.begin());
   for (Observation& observation : frame.observations) --observation.image_idx;
   frame.track_begins = {0, 4};
-  const StaticPoints static_points("merge", &scene);
-  EXPECT_TRUE(scene.frames[1].points.empty());
-  ASSERT_EQ(scene.frames[0].observations.size(), 5);
-  EXPECT_EQ(scene.frames[0].observations[2].keypoint_idx, 2);
-  EXPECT_EQ(scene.frames[0].observations[4].keypoint_idx, kNoKeypoint);
+  StaticPointStatistics statistics;
+  const Scene fitted = Fitted("merge", scene, &statistics);
+  EXPECT_EQ(fitted.frames[1].NumPoints(), 0);
+  ASSERT_EQ(fitted.frames[0].observations.size(), 5);
+  EXPECT_EQ(fitted.frames[0].observations[2].keypoint_idx, 2);
+  EXPECT_EQ(fitted.frames[0].observations[4].keypoint_idx, kNoKeypoint);
 }
 
 void ExpectRatios(const Eigen::VectorXd& values,
@@ -268,75 +301,89 @@ TEST(StaticPoints, CountOnceInTheUncertainty) {
   TestSceneOptions options;
   options.num_frames = 1;
   options.num_points = 200;
-  const Scene one = MakeTestScene(options).start;
+  const SceneEstimate one = MakeTestScene(options).start;
   const Eigen::VectorXd expected = RefinedStds(one);
-  Scene scene = Repeat(one, 3, 0.02);
-  ExpectRatios(RefinedStds(scene), expected, 1.0, 0.03);
-  const StaticPoints static_points("merge", &scene);
-  EXPECT_EQ(NumTracks(scene), 200);
-  ExpectRatios(RefinedStds(scene), expected, 1.0, 0.03);
+  const SceneEstimate repeated = Repeat(one, 3, 0.02);
+  ExpectRatios(RefinedStds(repeated), expected, 1.0, 0.03);
+  StaticPointStatistics statistics;
+  const SceneEstimate merged =
+      SelectTracks(SelectStaticPoints("merge", repeated.scene, &statistics),
+                   TrackRole::kFitted,
+                   repeated.scene,
+                   repeated.estimate);
+  EXPECT_EQ(NumTracks(merged.scene), 200);
+  ExpectRatios(RefinedStds(merged), expected, 1.0, 0.03);
 }
 
 TEST(StaticPoints, DropLeavesWhatMoves) {
-  Scene scene = MakeStaticScene(0.2).start;
+  const Scene scene = MakeStaticScene(0.2).start.scene;
   Scene moving = scene;
   for (Frame& frame : moving.frames) {
-    frame.points.resize(kNumMoving);
     frame.track_begins.resize(kNumMoving + 1);
     frame.observations.resize(frame.track_begins.back());
   }
-  const StaticPoints static_points("drop", &scene);
-  EXPECT_EQ(static_points.NumPoints(), kNumStatic);
-  EXPECT_DOUBLE_EQ(static_points.ObservationShare(), 0.6);
+  StaticPointStatistics statistics;
+  const Scene fitted = Fitted("drop", scene, &statistics);
+  EXPECT_EQ(statistics.num_points, kNumStatic);
+  EXPECT_DOUBLE_EQ(statistics.observation_share, 0.6);
   for (size_t f = 0; f < kNumFrames; ++f) {
-    ExpectSameTracks(scene.frames[f], moving.frames[f]);
+    ExpectSameTracks(fitted.frames[f], moving.frames[f]);
   }
 }
 
 TEST(StaticPoints, DropNeedsSomethingThatMoves) {
   TestSceneOptions options;
   options.num_frames = 1;
-  const Scene repeated = Repeat(MakeTestScene(options).start, 2, 0.1);
-  Scene scene = repeated;
-  EXPECT_THROW(StaticPoints("drop", &scene), InputError);
-  EXPECT_EQ(StaticPoints("merge", &scene).ObservationShare(), 1.0);
-  EXPECT_EQ(NumTracks(scene), 100);
+  const Scene scene = Repeat(MakeTestScene(options).start, 2, 0.1).scene;
+  StaticPointStatistics statistics;
+  EXPECT_THROW(SelectStaticPoints("drop", scene, &statistics), InputError);
+  EXPECT_EQ(NumTracks(Fitted("merge", scene, &statistics)), 100);
+  EXPECT_EQ(statistics.observation_share, 1.0);
 }
 
-TEST(StaticPoints, AllTracksComeBack) {
-  const Scene before = MakeStaticScene(0.2).start;
+TEST(Selection, JoinsWhatItHasSelected) {
+  const SceneEstimate all = MakeStaticScene(0.2).start;
   for (const char* treatment : {"merge", "drop", "keep"}) {
-    Scene scene = before;
-    const StaticPoints static_points(treatment, &scene);
-    const size_t num_left = std::string(treatment) == "drop"
-                                ? kNumFrames * kNumMoving
-                            : std::string(treatment) == "merge"
-                                ? kNumFrames * kNumMoving + kNumStatic
-                                : NumTracks(before);
-    EXPECT_EQ(NumTracks(scene), num_left) << treatment;
-    static_points.PutBack(&scene);
+    StaticPointStatistics statistics;
+    const Selection selection = HoldOutTracks(
+        0.2, all.scene, SelectStaticPoints(treatment, all.scene, &statistics));
+    size_t num_selected = 0;
+    std::vector<Estimate> estimates;
+    for (const TrackRole role : {TrackRole::kFitted,
+                                 TrackRole::kHeldOut,
+                                 TrackRole::kMerged,
+                                 TrackRole::kDropped}) {
+      const SceneEstimate selected =
+          SelectTracks(selection, role, all.scene, all.estimate);
+      num_selected += NumTracks(selected.scene);
+      estimates.push_back(selected.estimate);
+    }
+    EXPECT_EQ(num_selected, NumTracks(all.scene) + selection.merged.size());
+    const Estimate joined = JoinEstimates(
+        selection, estimates[0], estimates[1], estimates[2], estimates[3]);
     for (size_t f = 0; f < kNumFrames; ++f) {
-      ExpectSameTracks(scene.frames[f], before.frames[f]);
+      EXPECT_EQ(joined.frames[f].points, all.estimate.frames[f].points);
     }
   }
 }
 
-TEST(StaticPoints, PointsFitTheRefinedCameras) {
+TEST(FitPoints, PointsFitTheRefinedCameras) {
   TestSceneOptions options;
   options.noise = 0.0;
   const TestScene setup = MakeStaticScene(0.0, options);
-  Scene scene = setup.start;
-  StaticPoints static_points("merge", &scene);
-  scene.cameras = setup.truth.cameras;
-  static_points.FitPoints(Options(), scene);
-  static_points.PutBack(&scene);
+  Estimate refined = setup.start.estimate;
+  refined.cameras = setup.truth.estimate.cameras;
+  const Estimate fitted = FitPoints(Options(), setup.start.scene, refined);
   for (size_t f = 0; f < kNumFrames; ++f) {
-    const Frame& truth = setup.truth.frames[f];
-    const Frame& frame = scene.frames[f];
-    for (size_t i = kNumMoving; i < truth.points.size(); ++i) {
-      EXPECT_LT((frame.points[i] - truth.points[i]).norm(), 1e-8);
+    const std::vector<Eigen::Vector3d>& truth =
+        setup.truth.estimate.frames[f].points;
+    for (size_t i = 0; i < truth.size(); ++i) {
+      EXPECT_LT((fitted.frames[f].points[i] - truth[i]).norm(), 1e-8);
     }
-    EXPECT_GT((frame.points[0] - truth.points[0]).norm(), 1e-4);
+    EXPECT_GT((refined.frames[f].points[0] - truth[0]).norm(), 1e-4);
+  }
+  for (size_t i = 0; i < refined.cameras.size(); ++i) {
+    EXPECT_EQ(fitted.cameras[i].params, refined.cameras[i].params);
   }
 }
 

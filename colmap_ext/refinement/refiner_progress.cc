@@ -1,4 +1,4 @@
-#include "colmap_ext/controllers/refiner_progress.h"
+#include "colmap_ext/refinement/refiner_progress.h"
 
 #include <algorithm>
 #include <iostream>
@@ -19,10 +19,10 @@ void Progress::Log(const std::string& line) const {
   if (!options_.quiet) std::cout << line << std::endl;
 }
 
-StageCallback Progress::RecordStages(std::vector<Stage>* stages) const {
-  return [this, stages](const Stage& stage) {
-    stages->push_back(stage);
-    stages->back().index = static_cast<int>(stages->size()) - 1;
+StageCallback Progress::RecordStages() {
+  return [this](const Stage& stage) {
+    stages_.push_back(stage);
+    stages_.back().index = static_cast<int>(stages_.size()) - 1;
     double cost = 0.0;
     for (const auto& name_and_cost : stage.costs) {
       cost += name_and_cost.second;
@@ -38,8 +38,8 @@ StageCallback Progress::RecordStages(std::vector<Stage>* stages) const {
     const int num_schedule = options_.NumScheduleSolves();
     const std::string number =
         stage.name == "schedule"
-            ? host::StringPrintf("%zu / %d", stages->size(), num_schedule)
-            : std::to_string(stages->size());
+            ? host::StringPrintf("%zu / %d", stages_.size(), num_schedule)
+            : std::to_string(stages_.size());
     Log(host::StringPrintf(
         "Solve %s (%s%s): cost %.6g, rms %.3f px, %d iterations, %.1f s, %s",
         number.c_str(),

@@ -1,0 +1,53 @@
+// What the refiner writes (README.md, "Output").
+
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "colmap_ext/io/output_folder.h"
+#include "colmap_ext/options/option_parser.h"
+#include "colmap_ext/refinement/refiner_result.h"
+#include "colmap_ext/refinement/refiner_solves.h"
+#include "src/refinement/stage.h"
+#include "src/scene/scene.h"
+
+namespace mfir {
+
+// Of the run, not of the cameras.
+struct RunReport {
+  std::vector<Stage> stages;
+  std::vector<std::pair<std::string, double>> timings_s;
+  nlohmann::ordered_json inputs;
+  nlohmann::ordered_json evaluation;  // null without a ground truth
+};
+
+// The files and folders of a result, as OutputFolder takes them.
+const std::vector<std::string>& ResultNames();
+
+// Throws SolverError, naming what, if a number of the result is not finite: no
+// model of the frames and the rig and no rms may be written then.
+void CheckFinite(const Scene& scene, const RefinerResult& result);
+
+nlohmann::ordered_json MakeSummary(const OptionParser& options,
+                                   const Tracks& tracks,
+                                   const RefinerResult& result,
+                                   const RunReport& report);
+
+struct WrittenResult {
+  std::string path;                  // see OutputFolder::Publish
+  std::vector<std::string> remarks;  // what KRT cannot express
+};
+
+// Writes all files to the temporary folder of `output` and publishes them when
+// all are complete. Throws OutputError, and what CheckFinite throws.
+WrittenResult WriteResult(const OptionParser& options,
+                          const Tracks& tracks,
+                          const RefinerResult& result,
+                          const RunReport& report,
+                          OutputFolder* output);
+
+}  // namespace mfir

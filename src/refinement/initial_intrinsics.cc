@@ -1,0 +1,119 @@
+#include "src/refinement/initial_intrinsics.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "src/util/median.h"
+
+namespace mfir {
+namespace {
+
+// COLMAP's limits of what is no bogus camera. Structure from motion with few
+// images of a camera ends anywhere.
+bool IsPlausible(const RigCamera& camera, const std::vector<double>& params) {
+  const double max_size =
+      static_cast<double>(std::max(camera.width, camera.height));
+  for (const size_t idx : camera.model->FocalLengthIdxs()) {
+    const double ratio = params[idx] / max_size;
+    if (!(ratio >= 0.1 && ratio <= 10.0)) return false;
+  }
+  const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
+  return params[idxs[0]] >= 0.0 && params[idxs[0]] <= camera.width &&
+         params[idxs[1]] >= 0.0 && params[idxs[1]] <= camera.height;
+}
+
+// The medians of the plausible images only. A camera without any gets focal
+// lengths that are the median of the array's cameras of the same model and
+// image size, and the image centre.
+std::vector<RigCamera> ReplaceImplausibleIntrinsics(
+    const Scene& scene,
+    const std::vector<FrameEstimate>& frames,
+    std::vector<RigCamera> cameras) {
+  Scene plausible_scene;
+  std::vector<FrameEstimate> plausible_frames;
+  for (size_t f = 0; f < frames.size(); ++f) {
+    plausible_scene.frames.emplace_back();
+    plausible_frames.emplace_back();
+    for (size_t i = 0; i < frames[f].images.size(); ++i) {
+      const FrameImage& image = scene.frames[f].images[i];
+      const ImageEstimate& estimate = frames[f].images[i];
+      if (!IsPlausible(cameras[image.camera_idx], estimate.params)) {
+        continue;
+      }
+      plausible_scene.frames.back().images.push_back(image);
+      plausible_frames.back().images.push_back(estimate);
+    }
+  }
+  cameras = WithMedianIntrinsics(
+      plausible_scene, plausible_frames, std::move(cameras));
+  const std::vector<RigCamera> medians = cameras;
+  for (RigCamera& camera : cameras) {
+    if (camera.model == nullptr || IsPlausible(camera, camera.params)) continue;
+    for (const size_t idx : camera.model->FocalLengthIdxs()) {
+      std::vector<double> focal_lengths;
+      for (const RigCamera& other : medians) {
+        if (other.model == camera.model && other.width == camera.width &&
+            other.height == camera.height && IsPlausible(other, other.params)) {
+          focal_lengths.push_back(other.params[idx]);
+        }
+      }
+      if (!focal_lengths.empty()) camera.params[idx] = Median(focal_lengths);
+    }
+    const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
+    camera.params[idxs[0]] = 0.5 * static_cast<double>(camera.width);
+    camera.params[idxs[1]] = 0.5 * static_cast<double>(camera.height);
+  }
+  return cameras;
+}
+
+}  // namespace
+
+std::vector<RigCamera> WithMedianIntrinsics(
+    const Scene& scene,
+    const std::vector<FrameEstimate>& frames,
+    std::vector<RigCamera> cameras) {
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    RigCamera& camera = cameras[c];
+    if (camera.model == nullptr) continue;
+    camera.params.resize(camera.model->NumParams());
+    for (size_t j = 0; j < camera.params.size(); ++j) {
+      std::vector<double> values;
+      for (size_t f = 0; f < frames.size(); ++f) {
+        for (size_t i = 0; i < frames[f].images.size(); ++i) {
+          if (scene.frames[f].images[i].camera_idx != c) continue;
+          values.push_back(frames[f].images[i].params[j]);
+        }
+      }
+      if (!values.empty()) camera.params[j] = Median(values);
+    }
+  }
+  return cameras;
+}
+
+SceneEstimate InitializeIntrinsics(const MultiFrameOptions& options,
+                                   SceneEstimate capture) {
+  Scene& scene = capture.scene;
+  std::vector<FrameEstimate>& frames = capture.estimate.frames;
+  scene.cameras = ReplaceImplausibleIntrinsics(
+      scene, frames, WithMedianIntrinsics(scene, frames, scene.cameras));
+  capture.estimate.cameras = scene.cameras;
+  for (size_t f = 0; f < frames.size(); ++f) {
+    for (size_t i = 0; i < frames[f].images.size(); ++i) {
+      std::vector<double>& params = frames[f].images[i].params;
+      const RigCamera& camera =
+          scene.cameras[scene.frames[f].images[i].camera_idx];
+      const auto hold = [&](bool refine, const std::vector<size_t>& idxs) {
+        for (const size_t idx : idxs) {
+          if (!refine) params[idx] = camera.params[idx];
+        }
+      };
+      if (camera.constant_intrinsics) params = camera.params;
+      hold(options.refine_focal_length, camera.model->FocalLengthIdxs());
+      hold(options.refine_principal_point, camera.model->PrincipalPointIdxs());
+      hold(options.refine_extra_params, camera.model->ExtraParamsIdxs());
+    }
+  }
+  return capture;
+}
+
+}  // namespace mfir

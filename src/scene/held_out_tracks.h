@@ -1,0 +1,15 @@
+// Tracks that take no part in a refinement, to check its result.
+
+#pragma once
+
+#include "src/scene/scene.h"
+#include "src/scene/selection.h"
+
+namespace mfir {
+
+// Holds out about `share` of the fitted tracks. The choice depends on the
+// frame's name and the track's own keypoints only, not on any order. None where
+// nothing would be left to fit.
+Selection HoldOutTracks(double share, const Scene& scene, Selection selection);
+
+}  // namespace mfir

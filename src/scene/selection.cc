@@ -1,0 +1,88 @@
+#include "src/scene/selection.h"
+
+#include <array>
+#include <utility>
+
+namespace mfir {
+namespace {
+
+void AppendTrack(const Frame& source, size_t point_idx, Frame* target) {
+  target->observations.insert(
+      target->observations.end(),
+      source.observations.begin() + source.track_begins[point_idx],
+      source.observations.begin() + source.track_begins[point_idx + 1]);
+  target->track_begins.push_back(target->observations.size());
+}
+
+Frame WithoutTracks(const Frame& frame) {
+  Frame empty;
+  empty.name = frame.name;
+  empty.images = frame.images;
+  empty.cost_maps = frame.cost_maps;
+  empty.feature_keypoints = frame.feature_keypoints;
+  return empty;
+}
+
+}  // namespace
+
+Selection FittedTracks(const Scene& scene) {
+  Selection selection;
+  for (const Frame& frame : scene.frames) {
+    selection.roles.emplace_back(frame.NumPoints(), TrackRole::kFitted);
+  }
+  return selection;
+}
+
+SceneEstimate SelectTracks(const Selection& selection,
+                           TrackRole role,
+                           const Scene& scene,
+                           const Estimate& estimate) {
+  SceneEstimate selected;
+  selected.scene.cameras = scene.cameras;
+  selected.estimate.cameras = estimate.cameras;
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    const Frame& frame = scene.frames[f];
+    selected.scene.frames.push_back(WithoutTracks(frame));
+    FrameEstimate& frame_estimate = selected.estimate.frames.emplace_back();
+    frame_estimate.images = estimate.frames[f].images;
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
+      if (selection.roles[f][i] != role) continue;
+      AppendTrack(frame, i, &selected.scene.frames.back());
+      frame_estimate.points.push_back(estimate.frames[f].points[i]);
+    }
+  }
+  for (const MergedTrack& track : selection.merged) {
+    if (track.role != role) continue;
+    Frame& frame = selected.scene.frames[track.frame_idx];
+    frame.observations.insert(frame.observations.end(),
+                              track.observations.begin(),
+                              track.observations.end());
+    frame.track_begins.push_back(frame.observations.size());
+    selected.estimate.frames[track.frame_idx].points.push_back(
+        estimate.frames[track.frame_idx].points[track.point_idx]);
+  }
+  return selected;
+}
+
+Estimate JoinEstimates(const Selection& selection,
+                       const Estimate& fitted,
+                       const Estimate& held_out,
+                       const Estimate& merged,
+                       const Estimate& dropped) {
+  Estimate joined = fitted;
+  // In the order of TrackRole.
+  const std::array<const Estimate*, 4> by_role = {
+      &fitted, &held_out, &merged, &dropped};
+  for (size_t f = 0; f < joined.frames.size(); ++f) {
+    std::vector<Eigen::Vector3d>& points = joined.frames[f].points;
+    points.clear();
+    std::array<size_t, 4> next = {};
+    for (const TrackRole track_role : selection.roles[f]) {
+      const size_t role = static_cast<size_t>(track_role);
+      points.push_back(by_role[role]->frames[f].points[next[role]++]);
+    }
+  }
+  return joined;
+}
+
+}  // namespace mfir

@@ -1,0 +1,54 @@
+// Which tracks of a scene are fitted, and what becomes of the others.
+
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "src/scene/estimate.h"
+#include "src/scene/scene.h"
+
+namespace mfir {
+
+enum class TrackRole {
+  kFitted,
+  kHeldOut,  // to check the result
+  kMerged,   // a merged track takes its place, with those of other frames
+  kDropped,
+};
+
+// Takes the place of the tracks of a static point. Its start is the point of
+// the scene's track `point_idx` in the same frame.
+struct MergedTrack {
+  size_t frame_idx = 0;
+  size_t point_idx = 0;
+  std::vector<Observation> observations;
+  TrackRole role = TrackRole::kFitted;  // or kHeldOut
+};
+
+// Says of each track of a scene what it is for.
+struct Selection {
+  std::vector<std::vector<TrackRole>> roles;  // by frame and point
+  std::vector<MergedTrack> merged;
+};
+
+// All are fitted.
+Selection FittedTracks(const Scene& scene);
+
+// The tracks of `role`, in their order, then merged ones of that role, with the
+// cameras and images of `scene` and `estimate`.
+SceneEstimate SelectTracks(const Selection& selection,
+                           TrackRole role,
+                           const Scene& scene,
+                           const Estimate& estimate);
+
+// `fitted` (of the selected tracks) with the points of all tracks of the scene:
+// those of role kFitted from `fitted`, those of the other roles from the
+// estimates of their selected tracks. Points of merged tracks are left out.
+Estimate JoinEstimates(const Selection& selection,
+                       const Estimate& fitted,
+                       const Estimate& held_out,
+                       const Estimate& merged,
+                       const Estimate& dropped);
+
+}  // namespace mfir

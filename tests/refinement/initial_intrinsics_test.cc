@@ -1,0 +1,103 @@
+#include "src/refinement/initial_intrinsics.h"
+
+#include <algorithm>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "tests/support/test_scenes.h"
+
+namespace mfir {
+namespace {
+
+MultiFrameOptions Options(double loss_scale) {
+  MultiFrameOptions options;
+  options.ApplyPreset("accurate");
+  options.loss_scale = loss_scale;
+  options.num_threads = 2;
+  return options;
+}
+
+double Median3(double a, double b, double c) {
+  return std::max(std::min(a, b), std::min(std::max(a, b), c));
+}
+
+TEST(InitializeIntrinsics, TakesTheMedianOfTheFrames) {
+  TestSceneOptions scene_options;
+  scene_options.num_frames = 3;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
+  const SceneEstimate before = scene;
+  scene = InitializeIntrinsics(Options(0.0), scene);
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    for (size_t j = 0; j < 4; ++j) {
+      EXPECT_EQ(scene.estimate.cameras[i].params[j],
+                Median3(before.estimate.frames[0].images[i].params[j],
+                        before.estimate.frames[1].images[i].params[j],
+                        before.estimate.frames[2].images[i].params[j]));
+      EXPECT_EQ(scene.estimate.frames[1].images[i].params[j],
+                before.estimate.frames[1].images[i].params[j]);
+    }
+  }
+}
+
+TEST(InitializeIntrinsics, EvenNumberOfFramesAndMissingImages) {
+  TestSceneOptions scene_options;
+  scene_options.num_frames = 3;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
+  scene.scene.frames[2].images.pop_back();
+  scene.estimate.frames[2].images.pop_back();
+  const size_t last = scene.estimate.cameras.size() - 1;
+  scene = InitializeIntrinsics(Options(0.0), scene);
+  EXPECT_DOUBLE_EQ(scene.estimate.cameras[last].params[0],
+                   0.5 * (scene.estimate.frames[0].images[last].params[0] +
+                          scene.estimate.frames[1].images[last].params[0]));
+}
+
+TEST(InitializeIntrinsics, HeldParametersAreEqualInAllFrames) {
+  SceneEstimate scene = MakeTestScene({}).start;
+  MultiFrameOptions options = Options(0.0);
+  options.refine_principal_point = false;
+  scene = InitializeIntrinsics(options, scene);
+  for (const FrameEstimate& frame : scene.estimate.frames) {
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      const ImageEstimate& image = frame.images[i];
+      const std::vector<double>& global = scene.estimate.cameras[i].params;
+      EXPECT_NE(image.params[0], global[0]);
+      EXPECT_EQ(image.params[2], global[2]);
+      EXPECT_EQ(image.params[3], global[3]);
+    }
+  }
+}
+
+TEST(InitializeIntrinsics, ImplausibleImagesDoNotCount) {
+  TestSceneOptions scene_options;
+  scene_options.num_frames = 3;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
+  const SceneEstimate before = scene;
+  const double width = static_cast<double>(scene.estimate.cameras[0].width);
+  const double height = static_cast<double>(scene.estimate.cameras[0].height);
+  ASSERT_GT(width, 0.0);
+  // One of three frames, and all frames of another camera.
+  scene.estimate.frames[1].images[0].params[0] *= 100.0;
+  for (FrameEstimate& frame : scene.estimate.frames) {
+    frame.images[1].params[2] = -5.0;
+  }
+  scene = InitializeIntrinsics(Options(0.0), scene);
+  for (size_t j = 0; j < 4; ++j) {
+    EXPECT_DOUBLE_EQ(scene.estimate.cameras[0].params[j],
+                     0.5 * (before.estimate.frames[0].images[0].params[j] +
+                            before.estimate.frames[2].images[0].params[j]));
+  }
+  EXPECT_EQ(scene.estimate.cameras[1].params[2], 0.5 * width);
+  EXPECT_EQ(scene.estimate.cameras[1].params[3], 0.5 * height);
+  std::vector<double> others;
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    if (i != 1) others.push_back(scene.estimate.cameras[i].params[0]);
+  }
+  std::sort(others.begin(), others.end());
+  EXPECT_EQ(scene.estimate.cameras[1].params[0], others[others.size() / 2]);
+  EXPECT_EQ(scene.scene.cameras[1].params, scene.estimate.cameras[1].params);
+}
+
+}  // namespace
+}  // namespace mfir
