@@ -14,14 +14,6 @@ rooms=(
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
   colmap_ext/controllers colmap_ext/refinement colmap_ext/exe
 )
-# Written for COLMAP 3.8 alone, not through colmap_ext/host yet.
-not_through_host=(
-  colmap_ext/controllers/frame_retriangulation colmap_ext/controllers/multi_frame_bundle_adjuster
-  colmap_ext/controllers/refiner_solves colmap_ext/controllers/scene_features
-  colmap_ext/exe/multi_frame_intrinsics_refiner colmap_ext/exe/result_writer
-  colmap_ext/frames/frame_alignment colmap_ext/frames/frame_scene colmap_ext/frames/frames
-  tests/support/test_scenes
-)
 status=0
 num_includes=0
 
@@ -77,7 +69,6 @@ for folder in src colmap_ext cuda; do
 done
 while IFS=: read -r file line text; do
   [[ $file != colmap_ext/host/* ]] || continue
-  [[ " ${not_through_host[*]} " != *" ${file%.*} "* ]] || continue
   fail "$file:$line: names of COLMAP and its version belong to colmap_ext/host: $text"
 done < <(grep -rnE '\<(colmap::|MFIR_COLMAP_MAJOR)' --include='*.h' --include='*.cc' src colmap_ext tests)
 while IFS= read -r file; do

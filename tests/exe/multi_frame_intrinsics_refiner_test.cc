@@ -1,6 +1,6 @@
 // The refiner from end to end: every kind of input.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/refiner_runner.h"
 

@@ -1,7 +1,7 @@
 // A camera whose pose in RIG is wrong: its intrinsics take the rotation up, and
 // nothing but a comparison with the other cameras can tell.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {

@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/camera_models.h"
 #include "tests/support/refiner_runner.h"
 

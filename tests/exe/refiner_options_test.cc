@@ -1,6 +1,6 @@
 // Every option of the refiner reaches what it is for.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {

@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/geometry/pose_conventions.h"
 #include "tests/support/pose_files.h"
