@@ -6,17 +6,21 @@
 MFIR_ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 BUILD_PATH=$MFIR_ROOT/build
 COLMAP_SOURCE=
+POSELIB_SOURCE=
 MIN_FREE_MB=1000
 
 # Everything that is used by name; all else comes as a dependency.
 PACKAGES=(
   ccache cmake g++ jq libbenchmark-dev ninja-build patch
-  libboost-filesystem-dev libboost-graph-dev libboost-program-options-dev
-  libboost-regex-dev libboost-system-dev libboost-test-dev libceres-dev libeigen3-dev libflann-dev
-  libfreeimage-dev libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
-  liblz4-dev libmetis-dev libopencv-core-dev libopencv-dnn-dev
+  libboost-graph-dev libboost-program-options-dev
+  libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
+  libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
+  libmetis-dev libopencv-core-dev libopencv-dnn-dev
   libsqlite3-dev nlohmann-json3-dev
 )
+# Of COLMAP 3.x, and of 4.x.
+PACKAGES_3=(libboost-filesystem-dev libboost-test-dev libflann-dev libfreeimage-dev liblz4-dev)
+PACKAGES_4=(libfaiss-dev libopenimageio-dev libsuitesparse-dev openimageio-tools)
 
 die() {
   printf '\nerror: %s\n' "$*" >&2
@@ -28,9 +32,16 @@ common_options() {
   --colmap_source DIR  own COLMAP source tree (it is copied, never written to;
                        default: that of the last run, else the distribution's
                        source package is downloaded)
+  --poselib_source DIR own tree of PoseLib, which COLMAP 4.x needs (default: its
+                       build downloads it)
   --build_path DIR     where to build (default: build in the project's folder)
   -h, --help           show this text
 OPTIONS
+}
+
+# is_colmap DIR: whether it is a source tree of COLMAP, 3.x or 4.x.
+is_colmap() {
+  [[ -f $1/src/exe/colmap.cc || -f $1/src/colmap/exe/colmap.cc ]]
 }
 
 # Each script defines usage(). The exit code is that of the programs.
@@ -44,15 +55,18 @@ usage_error() {
 parse_common_option() {
   case $1 in
     -h | --help) usage && exit 0 ;;
-    --colmap_source | --build_path)
+    --colmap_source | --poselib_source | --build_path)
       [[ -n ${2-} ]] || usage_error "$1 needs a folder"
       ;;
     *) usage_error "unknown option: $1" ;;
   esac
   if [[ $1 == --colmap_source ]]; then
-    [[ -f $2/src/exe/colmap.cc ]] || die "--colmap_source: '$2' is not a COLMAP" \
-      "source tree (there is no src/exe/colmap.cc in it)"
+    is_colmap "$2" || die "--colmap_source: '$2' is not a COLMAP" \
+      "source tree (there is no src/exe/colmap.cc or src/colmap/exe/colmap.cc in it)"
     COLMAP_SOURCE=$(realpath "$2")
+  elif [[ $1 == --poselib_source ]]; then
+    [[ -f $2/CMakeLists.txt ]] || die "--poselib_source: there is no CMakeLists.txt in '$2'"
+    POSELIB_SOURCE=$(realpath "$2")
   else
     BUILD_PATH=$(realpath -m "$2")
   fi
@@ -90,6 +104,15 @@ prepare_build_path() {
   free_mb=$(df -Pm "$BUILD_PATH" | awk 'NR == 2 { print $4 }')
   ((free_mb >= MIN_FREE_MB)) || die "the disk of '$BUILD_PATH' has $free_mb MB free," \
     "the build needs $MIN_FREE_MB MB; free some or give another folder with --build_path"
+}
+
+# add_colmap_packages: those that the version of COLMAP_SOURCE needs.
+add_colmap_packages() {
+  if [[ -f $COLMAP_SOURCE/src/colmap/exe/colmap.cc ]]; then
+    PACKAGES+=("${PACKAGES_4[@]}")
+  else
+    PACKAGES+=("${PACKAGES_3[@]}")
+  fi
 }
 
 missing_packages() {
@@ -154,13 +177,13 @@ write_source_lists() {
   done
 }
 
-# Prints the newest offered version that patches/ has a patch for.
+# Prints the newest offered version that is supported.
 pick_colmap_version() {
   local version upstream
   while read -r version; do
     upstream=${version#*:}
     upstream=${upstream%-*}
-    if [[ -f $MFIR_ROOT/patches/colmap-${upstream%%[+~]*}.patch ]]; then
+    if [[ ${upstream%%[+~]*} =~ ^(3\.8|4\.[1-9][0-9.]*)$ ]]; then
       echo "$version"
       return
     fi
@@ -183,9 +206,9 @@ download_colmap() {
   offered=$(apt-cache "${apt[@]}" showsrc --only-source colmap | sed -n 's/^Version: //p' | sort -u)
   if ! version=$(pick_colmap_version <<<"$offered"); then
     printf '%s\n' "" \
-      "The apt sources of this machine offer no source package of a COLMAP version that" \
-      "patches/ has a patch for (offered: ${offered:-none; is the network up?}). Get a source" \
-      "tree of a supported version by other means and give it with --colmap_source DIR."
+      "The apt sources of this machine offer no source package of a COLMAP version that is" \
+      "supported (3.8, 4.1 and later 4.x; offered: ${offered:-none; is the network up?}). Get a" \
+      "source tree by other means and give it with --colmap_source DIR."
     return 1
   fi
   (cd "$1" && apt-get "${apt[@]}" source --download-only "colmap=$version") || return 1
@@ -199,7 +222,7 @@ find_colmap_source() {
   local cache=$BUILD_PATH/CMakeCache.txt download=$BUILD_PATH/colmap_download
   if [[ -f $cache ]]; then
     COLMAP_SOURCE=$(sed -n 's/^MFIR_COLMAP_SOURCE:[A-Z]*=//p' "$cache")
-    [[ ! -f $COLMAP_SOURCE/src/exe/colmap.cc ]] || return 0
+    ! is_colmap "$COLMAP_SOURCE" || return 0
   fi
   COLMAP_SOURCE=$download/colmap
   [[ ! -d $COLMAP_SOURCE ]] || return 0
@@ -213,8 +236,15 @@ find_colmap_source() {
 configure() {
   # Lets a clone in another folder, or of another user, hit the compiler cache.
   export CCACHE_BASEDIR=$MFIR_ROOT CCACHE_NOHASHDIR=1 CCACHE_SLOPPINESS=locale
+  local arguments=(-DMFIR_COLMAP_SOURCE="$COLMAP_SOURCE")
+  # COLMAP renames a folder of PoseLib's: in a copy.
+  if [[ -n $POSELIB_SOURCE ]]; then
+    rm -rf "$BUILD_PATH/poselib_source"
+    cp -r "$POSELIB_SOURCE" "$BUILD_PATH/poselib_source"
+    arguments+=(-DFETCHCONTENT_SOURCE_DIR_POSELIB="$BUILD_PATH/poselib_source")
+  fi
   run_step "Configuring with COLMAP in $COLMAP_SOURCE" configure \
-    cmake -S "$MFIR_ROOT" -B "$BUILD_PATH" -G Ninja -DMFIR_COLMAP_SOURCE="$COLMAP_SOURCE"
+    cmake -S "$MFIR_ROOT" -B "$BUILD_PATH" -G Ninja "${arguments[@]}"
 }
 
 # Passes ninja's output on to a log, and a line per tenth of the work to stdout.
@@ -249,8 +279,11 @@ build() {
 # set_up TARGET...: from a fresh machine to the built targets.
 set_up() {
   prepare_build_path
+  # Twice: getting the source may need tools, and tells the version.
   install_packages
   find_colmap_source
+  add_colmap_packages
+  install_packages
   configure
   build "$@"
 }

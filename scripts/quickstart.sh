@@ -42,7 +42,7 @@ print_row() {
     "$(json_mean "$after" "$3")" "$2"
 }
 
-set_up colmap_exe
+set_up colmap_program
 
 colmap=$BUILD_PATH/bin/colmap
 output_path=${output_path:-$BUILD_PATH/quickstart}

@@ -22,6 +22,6 @@ while (($#)); do
   shift 2
 done
 
-set_up colmap_exe mfir_tests
+set_up colmap_program mfir_tests
 cd "$BUILD_PATH"
 ctest --output-on-failure "$@"

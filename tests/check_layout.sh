@@ -1,7 +1,8 @@
 #!/bin/bash
 # check_layout.sh [PROJECT_ROOT]: fails when an include points up in the order of
 # the rooms below, when it names a file that is not the project's (COLMAP's headers
-# are colmap_ext/host's alone), or when a test lies in no room.
+# are colmap_ext/host's alone), when COLMAP's names or its version stand outside of
+# colmap_ext/host, or when a test lies in no room.
 set -euo pipefail
 cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 
@@ -21,6 +22,13 @@ fail() {
   status=1
 }
 
+# room FILE: its folder; the sides of the host for the versions of COLMAP are one.
+room() {
+  local folder=${1%/*}
+  [[ $folder != colmap_ext/host/v[0-9] ]] || folder=colmap_ext/host
+  echo "$folder"
+}
+
 # rank ROOM: its place, or nothing.
 rank() {
   local i
@@ -31,7 +39,7 @@ rank() {
 
 check_include() {
   local file=$1 line=$2 include=$3 room path
-  room=${file%/*}
+  room=$(room "$file")
   path=$(sed -E 's/.*[<"]([^>"]*)[>"].*/\1/' <<<"$include")
   if [[ $include == *\<* ]]; then
     [[ $path != *colmap/* ]] || fail "$file:$line: $path is a header of an installed COLMAP"
@@ -44,7 +52,7 @@ check_include() {
   fi
   # The launchers and the maths that they launch know each other.
   [[ $room != cuda || $path != src/feature/* ]] || return 0
-  if [[ -z $(rank "${path%/*}") ]] || (($(rank "${path%/*}") > $(rank "$room"))); then
+  if [[ -z $(rank "$(room "$path")") ]] || (($(rank "$(room "$path")") > $(rank "$room"))); then
     fail "$file:$line: $room may not include $path: it points up"
   fi
 }
@@ -52,13 +60,17 @@ check_include() {
 for folder in src colmap_ext cuda; do
   while IFS=: read -r file line include; do
     num_includes=$((num_includes + 1))
-    if [[ -z $(rank "${file%/*}") ]]; then
+    if [[ -z $(rank "$(room "$file")") ]]; then
       fail "$file: ${file%/*} is no room"
       continue
     fi
     check_include "$file" "$line" "$include"
   done < <(grep -rnE '^[[:space:]]*#[[:space:]]*include[[:space:]]*[<"]' "$folder")
 done
+while IFS=: read -r file line text; do
+  [[ $file != colmap_ext/host/* ]] || continue
+  fail "$file:$line: names of COLMAP and its version belong to colmap_ext/host: $text"
+done < <(grep -rnE '\<(colmap::|MFIR_COLMAP_MAJOR)' --include='*.h' --include='*.cc' src colmap_ext tests)
 while IFS= read -r file; do
   room=$(basename "$(dirname "$file")")
   [[ -n $(rank "src/$room")$(rank "colmap_ext/$room") ]] ||

@@ -6,6 +6,8 @@
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
+#include "colmap_ext/host/database.h"
+#include "colmap_ext/host/util.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"
 
@@ -41,27 +43,28 @@ class WorkFolder {
 };
 
 struct NewFrame {
-  std::unique_ptr<colmap::Reconstruction> model;  // null: keeps its tracks
+  std::unique_ptr<host::Reconstruction> model;  // null: keeps its tracks
   FrameStatistics statistics;
   std::string failure;
 };
 
 // Also models of undistorted images or of refined keypoints may lie beside the
 // database of the raw ones.
-void CheckKeypoints(const FrameModel& frame, const colmap::Database& database) {
+void CheckKeypoints(const FrameModel& frame, const host::Database& database) {
   for (const auto& [camera_idx, image_id] : frame.image_ids) {
-    const colmap::Image& image = frame.reconstruction->Image(image_id);
+    const host::Image& image = frame.reconstruction->Image(image_id);
     if (!database.ExistsImageWithName(image.Name())) {
       throw InputError("it has no image '" + image.Name() + "'");
     }
-    const colmap::FeatureKeypoints keypoints = database.ReadKeypoints(
-        database.ReadImageWithName(image.Name()).ImageId());
+    const host::FeatureKeypoints keypoints = database.ReadKeypoints(
+        host::ReadImageWithName(database, image.Name()).ImageId());
     for (size_t i = 0; i < image.NumPoints2D(); ++i) {
-      const colmap::Point2D& point = image.Point2D(i);
+      const host::Point2D& point = image.Point2D(i);
       if (!point.HasPoint3D()) continue;
+      const Eigen::Vector2d& xy = host::Xy(point);
       if (i >= keypoints.size() ||
-          !(std::hypot(keypoints[i].x - point.X(),
-                       keypoints[i].y - point.Y()) <= kMaxKeypointDifference)) {
+          !(std::hypot(keypoints[i].x - xy.x(), keypoints[i].y - xy.y()) <=
+            kMaxKeypointDifference)) {
         throw InputError("its keypoints of image '" + image.Name() +
                          "' are not those of the sparse model");
       }
@@ -70,26 +73,23 @@ void CheckKeypoints(const FrameModel& frame, const colmap::Database& database) {
 }
 
 // Leaves matches only; what came verified only becomes matches.
-void ForgetVerification(colmap::Database* database) {
-  const colmap::DatabaseTransaction transaction(database);
+void ForgetVerification(host::Database* database) {
+  const host::DatabaseTransaction transaction(database);
   if (database->NumMatches() == 0) {
-    std::vector<colmap::image_pair_t> pair_ids;
-    std::vector<colmap::TwoViewGeometry> geometries;
-    database->ReadTwoViewGeometries(&pair_ids, &geometries);
+    const auto matches_of_pairs = host::ReadInlierMatches(*database);
     database->ClearMatches();
-    for (size_t i = 0; i < pair_ids.size(); ++i) {
-      colmap::image_t id1, id2;
-      colmap::Database::PairIdToImagePair(pair_ids[i], &id1, &id2);
-      database->WriteMatches(id1, id2, geometries[i].inlier_matches);
+    for (const auto& [pair_id, matches] : matches_of_pairs) {
+      const auto [id1, id2] = host::PairIdToImagePair(pair_id);
+      database->WriteMatches(id1, id2, matches);
     }
   }
   database->ClearTwoViewGeometries();
 }
 
-std::map<size_t, colmap::image_t> ImageIds(
-    const colmap::Reconstruction& reconstruction) {
-  std::map<size_t, colmap::image_t> image_ids;
-  for (const colmap::image_t image_id : reconstruction.RegImageIds()) {
+std::map<size_t, host::image_t> ImageIds(
+    const host::Reconstruction& reconstruction) {
+  std::map<size_t, host::image_t> image_ids;
+  for (const host::image_t image_id : reconstruction.RegImageIds()) {
     image_ids[reconstruction.Image(image_id).CameraId() - 1] = image_id;
   }
   return image_ids;
@@ -106,22 +106,22 @@ void Retriangulate(const MultiFrameOptions& options,
   const WorkFolder folder(work_path);
   const std::string path = (work_path / "database.db").string();
   CopyFrameDatabase(frame.database_path, path);
-  colmap::Database database(path);
-  CheckKeypoints(frame, database);
-  ForgetVerification(&database);
+  const std::shared_ptr<host::Database> database = host::OpenDatabase(path);
+  CheckKeypoints(frame, *database);
+  ForgetVerification(database.get());
   FrameTimings timings;
   // Images without camera in RIG have been reported before.
   std::vector<std::string> warnings;
-  auto model = std::make_unique<colmap::Reconstruction>(
+  auto model = std::make_unique<host::Reconstruction>(
       TriangulateFrame(track_options,
                        CameraNaming(options.camera_name_regex),
                        cameras,
                        num_threads,
-                       &database,
+                       database.get(),
                        &result->statistics,
                        &timings,
                        &warnings));
-  const std::map<size_t, colmap::image_t> image_ids = ImageIds(*model);
+  const std::map<size_t, host::image_t> image_ids = ImageIds(*model);
   for (const auto& [camera_idx, image_id] : frame.image_ids) {
     const std::string& name = frame.reconstruction->Image(image_id).Name();
     const auto it = image_ids.find(camera_idx);
@@ -185,7 +185,7 @@ std::vector<NewFrame> RetriangulateAll(
       result.failure = error.what();
       return;
     }
-    log.Print(colmap::StringPrintf(
+    log.Print(host::StringPrintf(
         "Frame '%s' (%zu / %zu): %zu points, track length %.2f, tolerance "
         "%.1f px",
         models[i]->name.c_str(),
@@ -241,8 +241,7 @@ Capture ReplaceModels(Retriangulation retriangulation, Capture capture) {
   size_t i = 0;
   for (FrameModel& frame : capture.frames) {
     if (!frame.skip_reason.empty()) continue;
-    std::unique_ptr<colmap::Reconstruction>& model =
-        retriangulation.models[i++];
+    std::unique_ptr<host::Reconstruction>& model = retriangulation.models[i++];
     if (model == nullptr) continue;
     frame.image_ids = ImageIds(*model);
     frame.reconstruction = std::move(model);

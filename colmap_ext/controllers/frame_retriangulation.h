@@ -19,7 +19,7 @@ namespace mfir {
 // New tracks for the used frames of a capture.
 struct Retriangulation {
   // By used frame; null: the frame keeps its tracks.
-  std::vector<std::unique_ptr<colmap::Reconstruction>> models;
+  std::vector<std::unique_ptr<host::Reconstruction>> models;
   // Why a frame with a database keeps its tracks; empty for the others.
   std::vector<std::string> failures;
   size_t num_frames = 0;  // with new tracks

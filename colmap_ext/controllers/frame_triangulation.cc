@@ -4,6 +4,8 @@
 #include <cmath>
 #include <map>
 
+#include "colmap_ext/host/triangulation.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "src/util/errors.h"
 
@@ -13,17 +15,19 @@ namespace {
 // Reprojection errors have two components and come with the error of the
 // point; epipolar errors of the drift have one.
 constexpr double kReprojectionFactor = 3.0;
+// Of databases that come verified: COLMAP's own default, pixels.
+constexpr double kVerifiedTolerance = 4.0;
 
 // The images of the database that belong to cameras of the rig, by camera.
 std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
                                       const std::vector<RigCamera>& cameras,
-                                      const colmap::Database& database,
+                                      const host::Database& database,
                                       std::vector<std::string>* warnings) {
   std::map<std::string, size_t> camera_idxs;
   for (size_t i = 0; i < cameras.size(); ++i) camera_idxs[cameras[i].name] = i;
-  std::vector<colmap::Image> database_images = database.ReadAllImages();
+  std::vector<host::Image> database_images = database.ReadAllImages();
   std::vector<std::string> names;
-  for (const colmap::Image& image : database_images) {
+  for (const host::Image& image : database_images) {
     names.push_back(image.Name());
   }
   const std::vector<std::string> camera_names = naming.Names(names);
@@ -37,16 +41,17 @@ std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
     }
     const RigCamera& camera = cameras[it->second];
     DatabaseImage image{database_images[i].ImageId(), names[i], it->second, {}};
-    const colmap::camera_t camera_id = database_images[i].CameraId();
+    const host::camera_t camera_id = database_images[i].CameraId();
     if (database.ExistsCamera(camera_id)) {
-      const colmap::Camera stored = database.ReadCamera(camera_id);
-      if (stored.Width() != camera.width || stored.Height() != camera.height) {
+      const host::Camera stored = database.ReadCamera(camera_id);
+      const size_t width = host::Width(stored);
+      const size_t height = host::Height(stored);
+      if (width != camera.width || height != camera.height) {
         throw InputError("database.db: image '" + names[i] + "' has " +
-                         std::to_string(stored.Width()) + " x " +
-                         std::to_string(stored.Height()) +
-                         " pixels, but camera '" + camera.name + "' has " +
-                         std::to_string(camera.width) + " x " +
-                         std::to_string(camera.height));
+                         std::to_string(width) + " x " +
+                         std::to_string(height) + " pixels, but camera '" +
+                         camera.name + "' has " + std::to_string(camera.width) +
+                         " x " + std::to_string(camera.height));
       }
     }
     const auto inserted = images.emplace(it->second, std::move(image));
@@ -73,26 +78,24 @@ std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
   return result;
 }
 
-colmap::Reconstruction MakeModel(const std::vector<RigCamera>& cameras,
-                                 const std::vector<DatabaseImage>& images) {
-  colmap::Reconstruction model;
+host::Reconstruction MakeModel(const std::vector<RigCamera>& cameras,
+                               const std::vector<DatabaseImage>& images) {
+  host::Reconstruction model;
   for (const DatabaseImage& frame_image : images) {
     const RigCamera& source = cameras[frame_image.camera_idx];
-    colmap::Camera camera;
-    camera.SetCameraId(
-        static_cast<colmap::camera_t>(frame_image.camera_idx + 1));
-    camera.SetModelId(CameraModelId(*source.model));
-    camera.SetWidth(source.width);
-    camera.SetHeight(source.height);
-    camera.SetParams(source.params);
-    model.AddCamera(camera);
-    colmap::Image image;
+    const auto camera_id =
+        static_cast<host::camera_t>(frame_image.camera_idx + 1);
+    host::AddCameraWithTrivialRig(host::MakeCamera(camera_id,
+                                                   CameraModelId(*source.model),
+                                                   source.width,
+                                                   source.height,
+                                                   source.params),
+                                  &model);
+    host::Image image;
     image.SetImageId(frame_image.image_id);
-    image.SetCameraId(camera.CameraId());
+    image.SetCameraId(camera_id);
     image.SetName(frame_image.name);
-    SetCamFromWorld(source.cam_from_world, &image);
-    model.AddImage(image);
-    model.RegisterImage(frame_image.image_id);
+    host::AddImageWithTrivialFrame(image, source.cam_from_world, &model);
   }
   return model;
 }
@@ -100,71 +103,50 @@ colmap::Reconstruction MakeModel(const std::vector<RigCamera>& cameras,
 // Thresholds that the user has not set follow from the epipolar tolerance.
 void SetThresholds(double max_reproj_error,
                    double focal_length,
-                   colmap::IncrementalTriangulator::Options* triangulation,
-                   colmap::IncrementalMapper::Options* mapping) {
+                   host::TriangulationOptions* options) {
   const auto set = [](double value, double* option) {
     if (*option == 0.0) *option = value;
   };
   const double max_angle =
-      colmap::RadToDeg(std::atan(max_reproj_error / focal_length));
-  set(max_angle, &triangulation->create_max_angle_error);
-  set(max_angle, &triangulation->continue_max_angle_error);
-  set(max_angle, &triangulation->re_max_angle_error);
-  set(max_reproj_error, &triangulation->merge_max_reproj_error);
-  set(max_reproj_error, &triangulation->complete_max_reproj_error);
-  set(max_reproj_error, &mapping->filter_max_reproj_error);
+      host::RadToDeg(std::atan(max_reproj_error / focal_length));
+  host::TriangulatorOptions* triangulator = &options->triangulator;
+  set(max_angle, &triangulator->create_max_angle_error);
+  set(max_angle, &triangulator->continue_max_angle_error);
+  set(max_angle, &triangulator->re_max_angle_error);
+  set(max_reproj_error, &triangulator->merge_max_reproj_error);
+  set(max_reproj_error, &triangulator->complete_max_reproj_error);
+  set(max_reproj_error, &options->filter_max_reproj_error);
 }
 
-// The steps of COLMAP's point_triangulator (src/exe/sfm.cc), without its bundle
-// adjustment: intrinsics are wrong, and points are the refiner's business.
+// Without bundle adjustment: intrinsics are wrong, and points are the refiner's
+// business.
 void Triangulate(const TriangulatorOptions& options,
                  double max_reproj_error,
                  const std::vector<RigCamera>& cameras,
                  const std::vector<DatabaseImage>& images,
-                 const colmap::Database& database,
-                 colmap::Reconstruction* model) {
-  std::unordered_set<std::string> image_names;
+                 const host::Database& database,
+                 host::Reconstruction* model) {
+  std::vector<host::image_t> image_ids;
   std::vector<double> focal_lengths;
   for (const DatabaseImage& image : images) {
-    image_names.insert(image.name);
+    image_ids.push_back(image.image_id);
     focal_lengths.push_back(MeanFocalLength(cameras[image.camera_idx]));
   }
-  colmap::DatabaseCache cache;
-  cache.Load(database,
-             static_cast<size_t>(options.min_num_matches),
-             options.ignore_watermarks,
-             image_names);
-  colmap::IncrementalTriangulator::Options triangulation =
-      options.triangulation;
-  colmap::IncrementalMapper::Options mapping;
-  mapping.filter_max_reproj_error = options.filter_max_reproj_error;
-  mapping.filter_min_tri_angle = options.filter_min_tri_angle;
-  SetThresholds(
-      max_reproj_error, Quantile(focal_lengths, 0.5), &triangulation, &mapping);
-  // RANSAC of the triangulation: the same for any order of frames.
-  colmap::SetPRNGSeed(0);
-  colmap::IncrementalMapper mapper(&cache);
-  mapper.BeginReconstruction(model);
-  for (const DatabaseImage& image : images) {
-    // The cache drops images without matches.
-    if (cache.ExistsImage(image.image_id)) {
-      mapper.TriangulateImage(triangulation, image.image_id);
-    }
-  }
-  mapper.CompleteTracks(triangulation);
-  mapper.MergeTracks(triangulation);
-  mapper.FilterPoints(mapping);
-  mapper.EndReconstruction(/*discard=*/false);
+  host::TriangulationOptions triangulation;
+  triangulation.triangulator = options.triangulation;
+  triangulation.min_num_matches = static_cast<size_t>(options.min_num_matches);
+  triangulation.ignore_watermarks = options.ignore_watermarks;
+  triangulation.filter_max_reproj_error = options.filter_max_reproj_error;
+  triangulation.filter_min_tri_angle = options.filter_min_tri_angle;
+  SetThresholds(max_reproj_error, Quantile(focal_lengths, 0.5), &triangulation);
+  host::TriangulateImages(triangulation, database, image_ids, model);
 }
 
-size_t NumVerifiedPairs(const colmap::Database& database,
+size_t NumVerifiedPairs(const host::Database& database,
                         size_t min_num_matches,
                         FrameStatistics* statistics) {
-  std::vector<std::pair<colmap::image_t, colmap::image_t>> image_pairs;
-  std::vector<int> num_inliers;
-  database.ReadTwoViewGeometryNumInliers(&image_pairs, &num_inliers);
-  for (const int num : num_inliers) {
-    if (static_cast<size_t>(num) < min_num_matches) continue;
+  for (const size_t num : host::ReadNumInlierMatches(database)) {
+    if (num < min_num_matches) continue;
     statistics->num_inlier_matches += num;
     ++statistics->num_pairs;
   }
@@ -173,22 +155,22 @@ size_t NumVerifiedPairs(const colmap::Database& database,
 
 }  // namespace
 
-colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
-                                        const CameraNaming& naming,
-                                        const std::vector<RigCamera>& cameras,
-                                        int num_threads,
-                                        colmap::Database* database,
-                                        FrameStatistics* statistics,
-                                        FrameTimings* timings,
-                                        std::vector<std::string>* warnings) {
-  colmap::Timer timer;
+host::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
+                                      const CameraNaming& naming,
+                                      const std::vector<RigCamera>& cameras,
+                                      int num_threads,
+                                      host::Database* database,
+                                      FrameStatistics* statistics,
+                                      FrameTimings* timings,
+                                      std::vector<std::string>* warnings) {
+  host::Timer timer;
   timer.Start();
   std::vector<DatabaseImage> images =
       ReadImages(naming, cameras, *database, warnings);
   statistics->num_images = images.size();
   if (database->NumInlierMatches() == 0) {
-    const colmap::DatabaseTransaction transaction(database);
-    VerifyMatches(options, cameras, images, num_threads, *database, statistics);
+    const host::DatabaseTransaction transaction(database);
+    VerifyMatches(options, cameras, images, num_threads, database, statistics);
   }
   if (NumVerifiedPairs(*database, options.min_num_matches, statistics) == 0) {
     throw InputError(
@@ -197,11 +179,10 @@ colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
   }
   timings->verification = timer.ElapsedSeconds();
   timer.Restart();
-  // Databases that come verified: COLMAP's own default tolerance.
   const double tolerance = statistics->large_tolerance > 0.0
                                ? statistics->large_tolerance
-                               : options.sift_matching.max_error;
-  colmap::Reconstruction model = MakeModel(cameras, images);
+                               : kVerifiedTolerance;
+  host::Reconstruction model = MakeModel(cameras, images);
   Triangulate(options,
               kReprojectionFactor * tolerance,
               cameras,

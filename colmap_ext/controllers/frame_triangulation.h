@@ -7,7 +7,7 @@
 
 #include "colmap_ext/controllers/frame_verification.h"
 #include "colmap_ext/frames/frame_database.h"
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/database.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/scene/scene.h"
 #include "src/sensor/camera_naming.h"
@@ -23,13 +23,13 @@ namespace mfir {
 // The model has one camera per image, id = index into `cameras` + 1.
 // Throws InputError: fewer than two images, two images of a camera, image sizes
 // that are not those of the cameras, no verified pair, no point.
-colmap::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
-                                        const CameraNaming& naming,
-                                        const std::vector<RigCamera>& cameras,
-                                        int num_threads,
-                                        colmap::Database* database,
-                                        FrameStatistics* statistics,
-                                        FrameTimings* timings,
-                                        std::vector<std::string>* warnings);
+host::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
+                                      const CameraNaming& naming,
+                                      const std::vector<RigCamera>& cameras,
+                                      int num_threads,
+                                      host::Database* database,
+                                      FrameStatistics* statistics,
+                                      FrameTimings* timings,
+                                      std::vector<std::string>* warnings);
 
 }  // namespace mfir

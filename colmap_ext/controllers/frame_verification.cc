@@ -25,17 +25,17 @@ struct ImagePair {
   const DatabaseImage* image1 = nullptr;
   const DatabaseImage* image2 = nullptr;
   Eigen::Matrix3d essential_matrix;
-  colmap::FeatureMatches matches;
+  host::FeatureMatches matches;
   std::vector<double> errors;  // pixels, by match
   double random_share = 0.0;   // see EstimateEpipolarTolerance
   double max_error = 0.0;      // pixels
   EpipolarTolerance estimate;
   double tolerance = 0.0;
-  colmap::FeatureMatches inlier_matches;
+  host::FeatureMatches inlier_matches;
 };
 
 void ReadRays(const std::vector<RigCamera>& cameras,
-              const colmap::Database& database,
+              const host::Database& database,
               std::vector<DatabaseImage>* images) {
   for (DatabaseImage& image : *images) {
     const RigCamera& camera = cameras[image.camera_idx];
@@ -65,7 +65,7 @@ double MatchError(const ImagePair& pair,
 // Errors of the matches, and of random pairs of the same keypoints.
 void ComputeErrors(const std::vector<RigCamera>& cameras, ImagePair* pair) {
   const size_t n = pair->matches.size();
-  for (const colmap::FeatureMatch& match : pair->matches) {
+  for (const host::FeatureMatch& match : pair->matches) {
     pair->errors.push_back(
         MatchError(*pair, cameras, match.point2D_idx1, match.point2D_idx2));
   }
@@ -91,19 +91,18 @@ void ComputeErrors(const std::vector<RigCamera>& cameras, ImagePair* pair) {
 std::vector<ImagePair> ReadPairs(const TriangulatorOptions& options,
                                  const std::vector<RigCamera>& cameras,
                                  const std::vector<DatabaseImage>& images,
-                                 const colmap::Database& database) {
-  std::map<colmap::image_t, const DatabaseImage*> images_by_id;
+                                 const host::Database& database) {
+  std::map<host::image_t, const DatabaseImage*> images_by_id;
   for (const DatabaseImage& image : images)
     images_by_id[image.image_id] = &image;
   std::vector<ImagePair> pairs;
   for (auto& [pair_id, matches] : database.ReadAllMatches()) {
-    colmap::image_t id1, id2;
-    colmap::Database::PairIdToImagePair(pair_id, &id1, &id2);
+    const auto [id1, id2] = host::PairIdToImagePair(pair_id);
     if (images_by_id.count(id1) == 0 || images_by_id.count(id2) == 0) continue;
     ImagePair pair;
     pair.image1 = images_by_id[id1];
     pair.image2 = images_by_id[id2];
-    for (const colmap::FeatureMatch& match : matches) {
+    for (const host::FeatureMatch& match : matches) {
       if (match.point2D_idx1 < pair.image1->rays.size() &&
           match.point2D_idx2 < pair.image2->rays.size()) {
         pair.matches.push_back(match);
@@ -117,8 +116,7 @@ std::vector<ImagePair> ReadPairs(const TriangulatorOptions& options,
         options.max_epipolar_error *
         std::max(
             {camera1.width, camera1.height, camera2.width, camera2.height});
-    if (pair.matches.size() >=
-            static_cast<size_t>(options.sift_matching.min_num_inliers) &&
+    if (pair.matches.size() >= static_cast<size_t>(options.min_num_inliers) &&
         pair.essential_matrix.allFinite()) {
       ComputeErrors(cameras, &pair);
       pairs.push_back(std::move(pair));
@@ -156,8 +154,7 @@ void SelectInliers(const TriangulatorOptions& options,
       }
     }
     const size_t num_inliers = pair.inlier_matches.size();
-    if (num_inliers <
-            static_cast<size_t>(options.sift_matching.min_num_inliers) ||
+    if (num_inliers < static_cast<size_t>(options.min_num_inliers) ||
         LogNumFalseAlarms(pair.matches.size(),
                           num_inliers,
                           pair.tolerance,
@@ -177,22 +174,22 @@ void SelectInliers(const TriangulatorOptions& options,
 // Of other extractors' databases some have no descriptors, or such that
 // COLMAP's matching cannot take.
 bool HasSiftDescriptors(const DatabaseImage& image,
-                        const colmap::FeatureDescriptors& descriptors) {
-  return descriptors.cols() == 128 &&
-         static_cast<size_t>(descriptors.rows()) == image.rays.size();
+                        const host::FeatureDescriptors& descriptors) {
+  return descriptors.data.cols() == 128 &&
+         static_cast<size_t>(descriptors.data.rows()) == image.rays.size();
 }
 
 // Matches again with only the keypoints near the epipolar line as candidates.
 void MatchPairsGuided(const TriangulatorOptions& options,
                       const std::vector<RigCamera>& cameras,
-                      const colmap::Database& database,
+                      const host::Database& database,
                       int num_threads,
                       std::vector<ImagePair>* pairs) {
-  std::map<const DatabaseImage*, colmap::FeatureDescriptors> descriptors;
+  std::map<const DatabaseImage*, host::FeatureDescriptors> descriptors;
   for (const ImagePair& pair : *pairs) {
     for (const DatabaseImage* image : {pair.image1, pair.image2}) {
       if (descriptors.count(image) > 0) continue;
-      descriptors[image] = database.ReadDescriptors(image->image_id);
+      descriptors[image] = host::ReadDescriptors(database, image->image_id);
     }
   }
   const auto features = [&](const DatabaseImage& image) {
@@ -200,20 +197,19 @@ void MatchPairsGuided(const TriangulatorOptions& options,
     return ImageFeatures{camera.cam_from_world,
                          MeanFocalLength(camera),
                          &image.rays,
-                         descriptors.at(&image).data()};
+                         descriptors.at(&image).data.data()};
   };
+  const auto& sift = host::SiftMatching(options.feature_matching);
   ParallelFor(pairs->size(), num_threads, [&](size_t i) {
     ImagePair& pair = (*pairs)[i];
     if (!HasSiftDescriptors(*pair.image1, descriptors.at(pair.image1)) ||
         !HasSiftDescriptors(*pair.image2, descriptors.at(pair.image2))) {
       return;
     }
-    const auto matches = MatchGuided({pair.tolerance,
-                                      options.sift_matching.max_distance,
-                                      options.sift_matching.max_ratio,
-                                      options.sift_matching.cross_check},
-                                     features(*pair.image1),
-                                     features(*pair.image2));
+    const auto matches = MatchGuided(
+        {pair.tolerance, sift.max_distance, sift.max_ratio, sift.cross_check},
+        features(*pair.image1),
+        features(*pair.image2));
     if (matches.size() <= pair.inlier_matches.size()) return;
     pair.inlier_matches.clear();
     for (const auto& [idx1, idx2] : matches) {
@@ -224,21 +220,20 @@ void MatchPairsGuided(const TriangulatorOptions& options,
 
 void WriteTwoViewGeometries(const std::vector<RigCamera>& cameras,
                             const std::vector<ImagePair>& pairs,
-                            const colmap::Database& database) {
+                            host::Database* database) {
   for (const ImagePair& pair : pairs) {
     const Rigid3& pose1 = cameras[pair.image1->camera_idx].cam_from_world;
     const Rigid3& pose2 = cameras[pair.image2->camera_idx].cam_from_world;
-    const Eigen::Quaterniond rotation =
-        pose2.rotation * pose1.rotation.conjugate();
-    colmap::TwoViewGeometry geometry;
-    geometry.config = colmap::TwoViewGeometry::CALIBRATED;
-    geometry.E = pair.essential_matrix;
-    geometry.qvec =
-        Eigen::Vector4d(rotation.w(), rotation.x(), rotation.y(), rotation.z());
-    geometry.tvec = pose2.translation - rotation * pose1.translation;
-    geometry.inlier_matches = pair.inlier_matches;
-    database.WriteTwoViewGeometry(
-        pair.image1->image_id, pair.image2->image_id, geometry);
+    Rigid3 pose2_from_pose1;
+    pose2_from_pose1.rotation = pose2.rotation * pose1.rotation.conjugate();
+    pose2_from_pose1.translation =
+        pose2.translation - pose2_from_pose1.rotation * pose1.translation;
+    host::WriteCalibratedGeometry(pair.image1->image_id,
+                                  pair.image2->image_id,
+                                  pair.essential_matrix,
+                                  pose2_from_pose1,
+                                  pair.inlier_matches,
+                                  database);
   }
 }
 
@@ -263,17 +258,17 @@ void VerifyMatches(const TriangulatorOptions& options,
                    const std::vector<RigCamera>& cameras,
                    std::vector<DatabaseImage> images,
                    int num_threads,
-                   const colmap::Database& database,
+                   host::Database* database,
                    FrameStatistics* statistics) {
-  ReadRays(cameras, database, &images);
-  std::vector<ImagePair> pairs = ReadPairs(options, cameras, images, database);
+  ReadRays(cameras, *database, &images);
+  std::vector<ImagePair> pairs = ReadPairs(options, cameras, images, *database);
   for (const ImagePair& pair : pairs) {
     statistics->num_matches += pair.matches.size();
   }
   SetTolerances(&pairs);
   SelectInliers(options, &pairs);
-  if (options.sift_matching.guided_matching) {
-    MatchPairsGuided(options, cameras, database, num_threads, &pairs);
+  if (options.feature_matching.guided_matching) {
+    MatchPairsGuided(options, cameras, *database, num_threads, &pairs);
   }
   WriteTwoViewGeometries(cameras, pairs, database);
   std::vector<double> tolerances;

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/database.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/scene/scene.h"
 
@@ -25,7 +25,7 @@ struct FrameStatistics {
 
 // An image of the database that belongs to a camera of the rig.
 struct DatabaseImage {
-  colmap::image_t image_id = 0;
+  host::image_t image_id = 0;
   std::string name;
   size_t camera_idx = 0;
   std::vector<Eigen::Vector3d> rays;  // unit, by keypoint; set by VerifyMatches
@@ -39,7 +39,7 @@ void VerifyMatches(const TriangulatorOptions& options,
                    const std::vector<RigCamera>& cameras,
                    std::vector<DatabaseImage> images,
                    int num_threads,
-                   const colmap::Database& database,
+                   host::Database* database,
                    FrameStatistics* statistics);
 
 // Mean of the focal lengths of both axes, pixels.

@@ -2,24 +2,19 @@
 
 #pragma once
 
-#include <iostream>
 #include <mutex>
+#include <ostream>
 #include <string>
+
+#include "colmap_ext/host/log.h"
 
 namespace mfir {
 
-// COLMAP reports what it does on std::cout, from all threads at once. Silences
-// it as long as this object lives; Print gets through.
+// Silences COLMAP as long as this object lives; Print gets through.
 class ParallelLog {
  public:
-  explicit ParallelLog(bool quiet)
-      : quiet_(quiet), stream_(std::cout.rdbuf()), buffer_(std::cout.rdbuf()) {
-    std::cout.rdbuf(nullptr);
-  }
-  ~ParallelLog() {
-    std::cout.rdbuf(buffer_);
-    std::cout.clear();
-  }
+  explicit ParallelLog(bool quiet) : quiet_(quiet), stream_(silent_.Stdout()) {}
+
   void Print(const std::string& line) {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (!quiet_) stream_ << line << std::endl;
@@ -28,8 +23,8 @@ class ParallelLog {
  private:
   const bool quiet_;
   std::mutex mutex_;
+  const host::SilentColmap silent_;
   std::ostream stream_;
-  std::streambuf* const buffer_;
 };
 
 }  // namespace mfir

@@ -5,7 +5,6 @@
 #include <iostream>
 #include <new>
 
-#include "colmap_ext/host/compat.h"
 #include "src/util/errors.h"
 
 namespace mfir {

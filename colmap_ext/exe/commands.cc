@@ -1,7 +1,7 @@
 // The commands this extension adds to the `colmap` program.
 
 #include "colmap_ext/exe/command.h"
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/extension.h"
 
 namespace {
 using namespace mfir;  // NOLINT: the macro needs plain names

@@ -11,7 +11,7 @@
 
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/frames/frames.h"
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/options/option_parser.h"
@@ -75,10 +75,10 @@ EvaluatorOptions ParseOptions(int argc, char** argv) {
 // names where its source has no images.
 std::vector<CameraIntrinsics> ReadEstimatedCameras(const std::string& path,
                                                    const CameraNaming& naming) {
-  colmap::Reconstruction reconstruction;
+  host::Reconstruction reconstruction;
   ReadModel(path, /*require_points=*/false, &reconstruction);
   std::vector<std::string> image_names;
-  std::vector<const colmap::Image*> images;
+  std::vector<const host::Image*> images;
   for (const auto& [image_id, image] : reconstruction.Images()) {
     images.push_back(&image);
     image_names.push_back(image.Name());
@@ -87,14 +87,14 @@ std::vector<CameraIntrinsics> ReadEstimatedCameras(const std::string& path,
 
   std::vector<CameraIntrinsics> cameras(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
-    const colmap::Camera& camera = reconstruction.Camera(images[i]->CameraId());
+    const host::Camera& camera = reconstruction.Camera(images[i]->CameraId());
     cameras[i].name = camera_names[i].empty()
                           ? CanonicalCameraName(image_names[i])
                           : camera_names[i];
-    cameras[i].model = FindCameraModel(camera.ModelId());
-    cameras[i].width = camera.Width();
-    cameras[i].height = camera.Height();
-    cameras[i].params = camera.Params();
+    cameras[i].model = FindCameraModel(host::ModelId(camera));
+    cameras[i].width = host::Width(camera);
+    cameras[i].height = host::Height(camera);
+    cameras[i].params = host::Params(camera);
   }
   return cameras;
 }

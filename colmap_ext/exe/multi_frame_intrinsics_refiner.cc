@@ -7,6 +7,7 @@
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/refiner_inputs.h"
 #include "colmap_ext/exe/refiner_options.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/refinement/refiner_progress.h"
 #include "colmap_ext/refinement/refiner_result.h"
 #include "colmap_ext/refinement/refiner_solves.h"
@@ -20,7 +21,7 @@ void LogStaticPoints(const MultiFrameOptions& options,
                      const SelectedTracks& selected,
                      const Progress& progress) {
   if (scene.frames.size() < 2) return;
-  progress.Log(colmap::StringPrintf(
+  progress.Log(host::StringPrintf(
       "Static points: %zu, %.1f %% of the observations (static_points %s)",
       selected.static_points.num_points,
       100.0 * selected.static_points.observation_share,

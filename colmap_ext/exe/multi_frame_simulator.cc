@@ -3,6 +3,7 @@
 #include <iostream>
 
 #include "colmap_ext/exe/command.h"
+#include "colmap_ext/host/log.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/simulation/simulator.h"
 
@@ -28,9 +29,9 @@ int RunMultiFrameSimulator(int argc, char** argv) {
     CheckSimulatorOutput(options, output_path);
 
     if (!options.quiet) {
-      colmap::PrintHeading1("Simulating " + std::to_string(options.num_frames) +
-                            " frames of " +
-                            std::to_string(options.num_cameras) + " cameras");
+      host::PrintHeading1("Simulating " + std::to_string(options.num_frames) +
+                          " frames of " + std::to_string(options.num_cameras) +
+                          " cameras");
     }
     const SimulatedCapture capture = SimulateCapture(options);
     WriteSimulatedCapture(

@@ -13,6 +13,8 @@
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/triangulator_inputs.h"
 #include "colmap_ext/frames/frame_database.h"
+#include "colmap_ext/host/database.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/util/errors.h"
@@ -165,14 +167,15 @@ std::string ProcessFrame(const TriangulatorOptions& options,
     CopyFrameDatabase(database_path.string(), output.DatabasePath());
   }
   {
-    colmap::Database database(output.DatabasePath());
+    const std::shared_ptr<host::Database> database =
+        host::OpenDatabase(output.DatabasePath());
     WriteModel(output.ModelPath(),
                /*with_text=*/false,
                TriangulateFrame(options,
                                 inputs.naming,
                                 inputs.cameras,
                                 num_threads,
-                                &database,
+                                database.get(),
                                 &statistics,
                                 &timings,
                                 &frame->warnings));
@@ -183,7 +186,7 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                            statistics,
                            timings,
                            frame->warnings));
-  return colmap::StringPrintf(
+  return host::StringPrintf(
       "%zu images, %zu pairs, tolerance %.1f px, %zu points, track length "
       "%.2f%s (%.1f + %.1f + %.1f + %.1f s)",
       statistics.num_images,
@@ -200,7 +203,7 @@ std::string ProcessFrame(const TriangulatorOptions& options,
 
 void ProcessFrames(const TriangulatorOptions& options,
                    TriangulatorInputs* inputs) {
-  const int num_threads = colmap::GetEffectiveNumThreads(options.num_threads);
+  const int num_threads = host::GetEffectiveNumThreads(options.num_threads);
   const int num_frames_at_once =
       std::min<int>(num_threads, inputs->frames.size());
   std::atomic<size_t> num_done = 0;
@@ -260,9 +263,9 @@ void ReportFailures(const std::vector<InputFrame>& frames) {
 
 // COLMAP's default asks for a GPU; without one it would end the program.
 void ChooseDevice(TriangulatorOptions* options) {
-  if (!HasGpuSift()) {
-    options->sift_extraction.use_gpu = false;
-    options->sift_matching.use_gpu = false;
+  if (!host::HasGpuFeatures()) {
+    options->feature_extraction.use_gpu = false;
+    options->feature_matching.use_gpu = false;
   }
 }
 

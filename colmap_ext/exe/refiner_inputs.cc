@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/refinement/refiner_solves.h"
 #include "src/geometry/alignment.h"
@@ -18,7 +19,7 @@ namespace {
 void LogCapture(const Rig& rig,
                 const Capture& capture,
                 const Progress& progress) {
-  progress.Log(colmap::StringPrintf(
+  progress.Log(host::StringPrintf(
       "%zu of %zu cameras of the rig (%s) have images, %zu of %zu frames are "
       "used",
       capture.cameras.size(),
@@ -39,8 +40,8 @@ void LogAlignment(const Capture& capture, const Progress& progress) {
     progress.Log(
         "Frame '" + frame.name + "': " +
         (frame.skip_reason.empty()
-             ? colmap::StringPrintf("rms of the camera centres %g rig units",
-                                    frame.alignment_rms)
+             ? host::StringPrintf("rms of the camera centres %g rig units",
+                                  frame.alignment_rms)
              : "skipped: " + frame.skip_reason));
   }
 }

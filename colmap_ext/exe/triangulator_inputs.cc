@@ -9,6 +9,9 @@
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/frames/frames.h"
+#include "colmap_ext/host/feature_options.h"
+#include "colmap_ext/host/image_file.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/scene/view_overlap.h"
@@ -45,9 +48,8 @@ InputFrame FindImages(const TriangulatorOptions& options,
   const fs::path folder = fs::path(options.image_path) / frame_name;
   std::vector<std::string> names;
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    const bool is_image =
-        FreeImage_GetFIFFromFilename(entry.path().c_str()) != FIF_UNKNOWN;
-    if (is_image && entry.is_regular_file()) {
+    if (host::IsImageFileName(entry.path().string()) &&
+        entry.is_regular_file()) {
       names.push_back(entry.path().lexically_relative(folder).string());
     }
   }
@@ -90,7 +92,7 @@ bool FindImageSize(const std::vector<InputFrame>& frames,
                    RigCamera* camera) {
   for (const InputFrame& frame : frames) {
     for (const FrameImageFile& file : frame.files) {
-      colmap::Bitmap bitmap;
+      host::Bitmap bitmap;
       if (file.camera_idx == camera_idx &&
           bitmap.Read(file.path, /*as_rgb=*/false)) {
         camera->width = bitmap.Width();
@@ -107,14 +109,12 @@ void SetIntrinsics(const TriangulatorOptions& options,
                    const KnownCamera* known,
                    RigCamera* camera) {
   if (options.focal_length_factor > 0.0) {
-    colmap::Camera initial;
-    initial.InitializeWithName(
-        options.camera_model,
+    camera->model = FindCameraModel(options.camera_model);
+    camera->params = host::InitialParams(
+        CameraModelId(*camera->model),
         options.focal_length_factor * std::max(camera->width, camera->height),
         camera->width,
         camera->height);
-    camera->model = FindCameraModel(options.camera_model);
-    camera->params = initial.Params();
   } else if (known != nullptr && known->model != nullptr) {
     camera->model = known->model;
     camera->params = known->params;
@@ -206,13 +206,16 @@ std::vector<std::pair<size_t, size_t>> SelectPairs(
 std::string Fingerprint(const OptionParser& parser,
                         const std::vector<RigCamera>& cameras) {
   Json json = parser.ToJson();
-  for (const char* name : {"output_path",
-                           "frame_list_path",
-                           "MultiFrameTriangulator.num_threads",
-                           "MultiFrameTriangulator.overwrite",
-                           "MultiFrameTriangulator.quiet",
-                           "SiftExtraction.num_threads",
-                           "SiftMatching.num_threads"}) {
+  const std::string extraction = host::kExtractionSection;
+  const std::string matching = host::kMatchingSection;
+  for (const std::string& name :
+       {std::string("output_path"),
+        std::string("frame_list_path"),
+        std::string("MultiFrameTriangulator.num_threads"),
+        std::string("MultiFrameTriangulator.overwrite"),
+        std::string("MultiFrameTriangulator.quiet"),
+        extraction + "num_threads",
+        matching + "num_threads"}) {
     json.erase(name);
   }
   for (const RigCamera& camera : cameras) {
@@ -230,7 +233,7 @@ std::string Fingerprint(const OptionParser& parser,
        json.dump(-1, ' ', false, Json::error_handler_t::replace)) {
     hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
   }
-  return colmap::StringPrintf("%016zx", static_cast<size_t>(hash));
+  return host::StringPrintf("%016zx", static_cast<size_t>(hash));
 }
 
 }  // namespace

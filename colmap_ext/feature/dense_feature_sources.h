@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
 #include "colmap_ext/options/option_parser.h"
 #include "src/feature/dense_features.h"
 #include "src/refinement/options.h"

@@ -22,7 +22,6 @@
 #include <string>
 #include <utility>
 
-#include "colmap_ext/host/compat.h"
 #include "colmap_ext/io/sqlite_file.h"
 #include "src/feature/dense_features.h"
 

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include "colmap_ext/host/util.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -22,7 +23,7 @@ std::string ImageFolder::Find(const std::string& frame_name,
 
 bool ImageFolder::Read(const DenseFeatureRequest& request,
                        bool as_rgb,
-                       colmap::Bitmap* bitmap) const {
+                       host::Bitmap* bitmap) const {
   const std::string path = Find(request.frame_name, request.image_name);
   if (path.empty()) {
     return false;
@@ -33,7 +34,7 @@ bool ImageFolder::Read(const DenseFeatureRequest& request,
                      "to go without its dense features.");
   }
   if (bitmap->Width() != request.width || bitmap->Height() != request.height) {
-    throw InputError(colmap::StringPrintf(
+    throw InputError(host::StringPrintf(
         "%s has %d x %d pixels, but its camera in frame '%s' has %d x %d. Give "
         "the images that the models were made from (--image_path).",
         path.c_str(),

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/image_file.h"
 #include "src/feature/dense_features.h"
 
 namespace mfir {
@@ -24,7 +24,7 @@ class ImageFolder {
   // request's.
   bool Read(const DenseFeatureRequest& request,
             bool as_rgb,
-            colmap::Bitmap* bitmap) const;
+            host::Bitmap* bitmap) const;
 
  private:
   const std::string path_;

@@ -8,7 +8,7 @@
 #include <opencv2/dnn.hpp>
 
 #include "colmap_ext/feature/image_folder.h"
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/image_file.h"
 #include "colmap_ext/io/quiet_opencv.h"
 #include "src/feature/image_tiles.h"
 #include "src/util/errors.h"
@@ -109,7 +109,7 @@ class OnnxFeatureSource : public DenseFeatureSource {
 
  private:
   void Probe();
-  cv::Mat Input(const colmap::Bitmap& bitmap,
+  cv::Mat Input(const host::Bitmap& bitmap,
                 const std::vector<uint8_t>& pixels,
                 const cv::Rect& tile) const;
   void CopyPatch(const cv::Mat& map,
@@ -157,8 +157,8 @@ void OnnxFeatureSource::Probe() {
   }
 }
 
-// `pixels` as Bitmap::ConvertToRowMajorArray gives them: blue, green, red.
-cv::Mat OnnxFeatureSource::Input(const colmap::Bitmap& bitmap,
+// `pixels` as RowMajorData gives them.
+cv::Mat OnnxFeatureSource::Input(const host::Bitmap& bitmap,
                                  const std::vector<uint8_t>& pixels,
                                  const cv::Rect& tile) const {
   const std::vector<int> shape = {
@@ -166,7 +166,7 @@ cv::Mat OnnxFeatureSource::Input(const colmap::Bitmap& bitmap,
   cv::Mat input(shape, CV_32F);
   for (int c = 0; c < num_input_channels_; ++c) {
     const int bitmap_channel =
-        options_.color_order == "rgb" ? num_input_channels_ - 1 - c : c;
+        options_.color_order == "bgr" ? num_input_channels_ - 1 - c : c;
     const float scale = static_cast<float>(1.0 / (255.0 * std_[c]));
     const float offset = static_cast<float>(-mean_[c] / std_[c]);
     for (int y = 0; y < tile.height; ++y) {
@@ -214,11 +214,11 @@ void OnnxFeatureSource::CopyPatch(const cv::Mat& map,
 
 DenseFeaturePatches OnnxFeatureSource::Extract(
     const DenseFeatureRequest& request) {
-  colmap::Bitmap bitmap;
+  host::Bitmap bitmap;
   if (!images_.Read(request, num_input_channels_ == 3, &bitmap)) {
     return NoPatches(request);
   }
-  const std::vector<uint8_t> pixels = bitmap.ConvertToRowMajorArray();
+  const std::vector<uint8_t> pixels = host::RowMajorData(bitmap);
   DenseFeaturePatches patches =
       PlacePatches(request, patch_size_, num_channels_, stride_);
   const double radius = 0.5 * patch_size_ * stride_;

@@ -5,7 +5,6 @@
 #include <memory>
 #include <string>
 
-#include "colmap_ext/host/compat.h"
 #include "src/feature/dense_feature_options.h"
 #include "src/feature/dense_features.h"
 

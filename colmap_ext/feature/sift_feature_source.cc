@@ -4,7 +4,8 @@
 #include <map>
 #include <memory>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/dense_sift.h"
+#include "colmap_ext/host/image_file.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -24,8 +25,8 @@ struct GreyImage {
   std::vector<float> data;  // row-major, 0 to 255
 };
 
-GreyImage SmoothedImage(const colmap::Bitmap& bitmap, double smoothing) {
-  const std::vector<uint8_t> pixels = bitmap.ConvertToRowMajorArray();
+GreyImage SmoothedImage(const host::Bitmap& bitmap, double smoothing) {
+  const std::vector<uint8_t> pixels = host::RowMajorData(bitmap);
   GreyImage image{bitmap.Width(), bitmap.Height(), {}};
   image.data.assign(pixels.begin(), pixels.end());
   if (smoothing > 0.0) {
@@ -185,7 +186,7 @@ SiftFeatureSource::SiftFeatureSource(const SiftFeatureOptions& options,
 
 DenseFeaturePatches SiftFeatureSource::Extract(
     const DenseFeatureRequest& request) {
-  colmap::Bitmap bitmap;
+  host::Bitmap bitmap;
   if (!images_.Read(request, /*as_rgb=*/false, &bitmap)) {
     return NoPatches(request);
   }

@@ -20,7 +20,7 @@ FramePoses PosesOf(const FrameModel& frame, const Capture& capture) {
   FramePoses poses;
   for (const auto& idx_and_image : frame.image_ids) {
     poses.frame.push_back(
-        CamFromWorld(frame.reconstruction->Image(idx_and_image.second)));
+        host::CamFromWorld(frame.reconstruction->Image(idx_and_image.second)));
     poses.rig.push_back(capture.cameras[idx_and_image.first].cam_from_world);
   }
   return poses;
@@ -64,8 +64,8 @@ Capture AlignFrames(const Similarity3& new_from_rig, Capture capture) {
       continue;
     }
     frame.alignment_rms = alignment.rms_center_error;
-    TransformReconstruction(new_from_rig * alignment.target_from_source,
-                            frame.reconstruction.get());
+    host::TransformReconstruction(new_from_rig * alignment.target_from_source,
+                                  frame.reconstruction.get());
   }
   if (capture.NumUsedFrames() == 0) {
     throw InputError("No frame can be aligned to the known extrinsics (" +

@@ -6,19 +6,11 @@
 #include <utility>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/frames/frame_features.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
-
-// An image file of a frame.
-struct FrameImageFile {
-  size_t camera_idx = 0;  // into the cameras of the rig
-  std::string name;       // relative to the frame's folder
-  std::string path;
-  std::string mask_path;  // empty: none
-};
 
 struct FrameTimings {
   double extraction = 0.0;  // seconds of wall time

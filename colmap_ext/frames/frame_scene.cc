@@ -21,9 +21,9 @@ bool IsBefore(const Observation& a, const Observation& b) {
 
 }  // namespace
 
-std::vector<colmap::point3D_t> SortedPointIds(
-    const colmap::Reconstruction& reconstruction) {
-  std::vector<colmap::point3D_t> ids;
+std::vector<host::point3D_t> SortedPointIds(
+    const host::Reconstruction& reconstruction) {
+  std::vector<host::point3D_t> ids;
   for (const auto& id_and_point : reconstruction.Points3D()) {
     ids.push_back(id_and_point.first);
   }
@@ -42,30 +42,32 @@ SceneEstimate BuildScene(const Capture& capture) {
   }
   for (const FrameModel& model : capture.frames) {
     if (!model.skip_reason.empty()) continue;
-    const colmap::Reconstruction& reconstruction = *model.reconstruction;
+    const host::Reconstruction& reconstruction = *model.reconstruction;
     Frame& frame = result.scene.frames.emplace_back();
     FrameEstimate& estimate = result.estimate.frames.emplace_back();
     frame.name = model.name;
-    std::map<colmap::image_t, size_t> image_idxs;
+    std::map<host::image_t, size_t> image_idxs;
     for (const auto& [camera_idx, image_id] : model.image_ids) {
-      const colmap::Image& image = reconstruction.Image(image_id);
-      const colmap::Camera& camera = reconstruction.Camera(image.CameraId());
-      cameras[camera_idx].model = FindCameraModel(camera.ModelId());
-      cameras[camera_idx].width = camera.Width();
-      cameras[camera_idx].height = camera.Height();
+      const host::Image& image = reconstruction.Image(image_id);
+      const host::Camera& camera = reconstruction.Camera(image.CameraId());
+      cameras[camera_idx].model = FindCameraModel(host::ModelId(camera));
+      cameras[camera_idx].width = host::Width(camera);
+      cameras[camera_idx].height = host::Height(camera);
       image_idxs[image_id] = frame.images.size();
       frame.images.push_back({camera_idx, image.Name()});
-      estimate.images.push_back({CamFromWorld(image), camera.Params()});
+      estimate.images.push_back(
+          {host::CamFromWorld(image), host::Params(camera)});
     }
-    for (const colmap::point3D_t point_id : SortedPointIds(reconstruction)) {
-      const colmap::Point3D& point = reconstruction.Point3D(point_id);
-      estimate.points.push_back(point.XYZ());
-      for (const colmap::TrackElement& element : point.Track().Elements()) {
-        frame.observations.push_back({image_idxs.at(element.image_id),
-                                      reconstruction.Image(element.image_id)
-                                          .Point2D(element.point2D_idx)
-                                          .XY(),
-                                      element.point2D_idx});
+    for (const host::point3D_t point_id : SortedPointIds(reconstruction)) {
+      const host::Point3D& point = reconstruction.Point3D(point_id);
+      estimate.points.push_back(host::Xyz(point));
+      for (const host::TrackElement& element :
+           host::TrackOf(point).Elements()) {
+        const host::Image& image = reconstruction.Image(element.image_id);
+        frame.observations.push_back(
+            {image_idxs.at(element.image_id),
+             host::Xy(image.Point2D(element.point2D_idx)),
+             element.point2D_idx});
       }
       std::sort(frame.observations.begin() + frame.track_begins.back(),
                 frame.observations.end(),
@@ -77,7 +79,7 @@ SceneEstimate BuildScene(const Capture& capture) {
   return result;
 }
 
-colmap::Reconstruction RefinedReconstruction(
+host::Reconstruction RefinedReconstruction(
     const Similarity3& rig_from_new,
     const FrameModel& model,
     const Scene& scene,
@@ -85,7 +87,7 @@ colmap::Reconstruction RefinedReconstruction(
     size_t frame_idx,
     const std::vector<KnownCamera>& cameras,
     bool single_frame_mode) {
-  colmap::Reconstruction reconstruction = *model.reconstruction;
+  host::Reconstruction reconstruction = *model.reconstruction;
   const Frame& frame = scene.frames[frame_idx];
   const FrameEstimate& frame_estimate = estimate.frames[frame_idx];
   std::vector<const std::vector<double>*> params;  // by image
@@ -93,12 +95,11 @@ colmap::Reconstruction RefinedReconstruction(
     const size_t camera_idx = frame.images[i].camera_idx;
     params.push_back(single_frame_mode ? &frame_estimate.images[i].params
                                        : &estimate.cameras[camera_idx].params);
-    colmap::Image& image = reconstruction.Image(model.image_ids.at(camera_idx));
-    SetCamFromWorld(cameras[camera_idx].cam_from_world, &image);
-    reconstruction.Camera(image.CameraId()).SetParams(*params.back());
+    host::Image& image = reconstruction.Image(model.image_ids.at(camera_idx));
+    host::SetCamFromWorld(cameras[camera_idx].cam_from_world, &image);
+    host::SetParams(*params.back(), &reconstruction.Camera(image.CameraId()));
   }
-  const std::vector<colmap::point3D_t> point_ids =
-      SortedPointIds(reconstruction);
+  const std::vector<host::point3D_t> point_ids = SortedPointIds(reconstruction);
   for (size_t i = 0; i < point_ids.size(); ++i) {
     const Eigen::Vector3d& xyz = frame_estimate.points[i];
     double error_sum = 0.0;
@@ -114,10 +115,11 @@ colmap::Reconstruction RefinedReconstruction(
                             xy.data());
       error_sum += (xy - observation.xy).norm();
     }
-    colmap::Point3D& point = reconstruction.Point3D(point_ids[i]);
-    point.SetXYZ(rig_from_new * xyz);
-    point.SetError(error_sum / static_cast<double>(frame.track_begins[i + 1] -
-                                                   frame.track_begins[i]));
+    host::Point3D& point = reconstruction.Point3D(point_ids[i]);
+    host::Xyz(&point) = rig_from_new * xyz;
+    host::SetError(error_sum / static_cast<double>(frame.track_begins[i + 1] -
+                                                   frame.track_begins[i]),
+                   &point);
   }
   return reconstruction;
 }

@@ -21,10 +21,10 @@ void MatchImages(const CameraNaming& naming,
                  const std::map<std::string, size_t>& camera_idxs,
                  FrameModel* frame,
                  Capture* capture) {
-  std::vector<colmap::image_t> image_ids = frame->reconstruction->RegImageIds();
+  std::vector<host::image_t> image_ids = frame->reconstruction->RegImageIds();
   std::sort(image_ids.begin(), image_ids.end());
   std::vector<std::string> image_names;
-  for (const colmap::image_t image_id : image_ids) {
+  for (const host::image_t image_id : image_ids) {
     image_names.push_back(frame->reconstruction->Image(image_id).Name());
   }
   const std::vector<std::string> camera_names = naming.Names(image_names);
@@ -35,7 +35,7 @@ void MatchImages(const CameraNaming& naming,
       const std::string image_path = frame->name + "/" + image_names[i];
       capture->images_without_camera.push_back(image_path);
       capture->image_of_unknown_name.emplace(camera_names[i], image_path);
-      frame->reconstruction->DeRegisterImage(image_ids[i]);
+      host::DeRegisterImage(image_ids[i], frame->reconstruction.get());
       continue;
     }
     const auto inserted =
@@ -54,39 +54,26 @@ void MatchImages(const CameraNaming& naming,
 
 // Gives every image a camera of its own, with id = index of the rig camera + 1.
 void SplitCameras(FrameModel* frame) {
-  colmap::Reconstruction& reconstruction = *frame->reconstruction;
-  std::map<colmap::camera_t, colmap::Camera> cameras;
-  for (const auto& idx_and_image : frame->image_ids) {
-    colmap::Camera camera = reconstruction.Camera(
-        reconstruction.Image(idx_and_image.second).CameraId());
-    camera.SetCameraId(static_cast<colmap::camera_t>(idx_and_image.first + 1));
-    cameras.emplace(camera.CameraId(), camera);
+  std::vector<std::pair<host::image_t, host::camera_t>> camera_ids;
+  for (const auto& [camera_idx, image_id] : frame->image_ids) {
+    camera_ids.emplace_back(image_id,
+                            static_cast<host::camera_t>(camera_idx + 1));
   }
-  for (const auto& idx_and_image : frame->image_ids) {
-    reconstruction.Image(idx_and_image.second)
-        .SetCameraId(static_cast<colmap::camera_t>(idx_and_image.first + 1));
-  }
-  for (const auto& id_and_camera : cameras) {
-    if (reconstruction.ExistsCamera(id_and_camera.first)) {
-      reconstruction.Camera(id_and_camera.first) = id_and_camera.second;
-    } else {
-      reconstruction.AddCamera(id_and_camera.second);
-    }
-  }
-  // Removes the images and cameras that are not used any more.
-  reconstruction.TearDown();
+  host::SplitCameras(camera_ids, frame->reconstruction.get());
 }
 
 void ConvertCameras(const CameraModel& target, FrameModel* frame) {
   for (const auto& idx_and_image : frame->image_ids) {
-    colmap::Camera& camera = frame->reconstruction->Camera(
-        static_cast<colmap::camera_t>(idx_and_image.first + 1));
-    const CameraModel& source = *FindCameraModel(camera.ModelId());
+    host::Camera& camera = frame->reconstruction->Camera(
+        static_cast<host::camera_t>(idx_and_image.first + 1));
+    const CameraModel& source = *FindCameraModel(host::ModelId(camera));
     if (&source == &target) continue;
-    const std::vector<double> params = ConvertCameraParams(
-        source, camera.Params(), camera.Width(), camera.Height(), target);
-    camera.SetModelId(CameraModelId(target));
-    camera.SetParams(params);
+    const std::vector<double> params = ConvertCameraParams(source,
+                                                           host::Params(camera),
+                                                           host::Width(camera),
+                                                           host::Height(camera),
+                                                           target);
+    host::SetModel(CameraModelId(target), params, &camera);
   }
 }
 
@@ -96,15 +83,15 @@ void CheckCameras(const FrameModel& frame,
                   const std::vector<KnownCamera>& known_cameras) {
   for (const auto& idx_and_image : frame.image_ids) {
     const KnownCamera& known = known_cameras[idx_and_image.first];
-    const auto camera_id =
-        static_cast<colmap::camera_t>(idx_and_image.first + 1);
-    const colmap::Camera& camera = frame.reconstruction->Camera(camera_id);
+    const auto camera_id = static_cast<host::camera_t>(idx_and_image.first + 1);
+    const host::Camera& camera = frame.reconstruction->Camera(camera_id);
     const std::string what = "Camera '" + known.name + "' of frame '" +
                              frame.name + "' (" + frame.model_path + ") has ";
-    const std::string size = std::to_string(camera.Width()) + " x " +
-                             std::to_string(camera.Height()) + " pixels";
-    if (known.width > 0 &&
-        (known.width != camera.Width() || known.height != camera.Height())) {
+    const size_t width = host::Width(camera);
+    const size_t height = host::Height(camera);
+    const std::string size =
+        std::to_string(width) + " x " + std::to_string(height) + " pixels";
+    if (known.width > 0 && (known.width != width || known.height != height)) {
       throw InputError(what + size + ", but RIG says " +
                        std::to_string(known.width) + " x " +
                        std::to_string(known.height) +
@@ -113,20 +100,21 @@ void CheckCameras(const FrameModel& frame,
     for (const FrameModel& previous : previous_frames) {
       if (previous.reconstruction == nullptr) continue;
       if (previous.image_ids.count(idx_and_image.first) == 0) continue;
-      const colmap::Camera& other = previous.reconstruction->Camera(camera_id);
-      if (other.ModelId() != camera.ModelId()) {
+      const host::Camera& other = previous.reconstruction->Camera(camera_id);
+      if (host::ModelId(other) != host::ModelId(camera)) {
         throw InputError(what + "the camera model " + camera.ModelName() +
                          ", but " + other.ModelName() + " in frame '" +
                          previous.name +
                          "'. Convert all with --MultiFrame.camera_model.");
       }
-      if (other.Width() != camera.Width() ||
-          other.Height() != camera.Height()) {
-        throw InputError(
-            what + size + ", but " + std::to_string(other.Width()) + " x " +
-            std::to_string(other.Height()) + " in frame '" + previous.name +
-            "'. Leave one of them out with "
-            "--frame_list_path.");
+      const size_t other_width = host::Width(other);
+      const size_t other_height = host::Height(other);
+      if (other_width != width || other_height != height) {
+        throw InputError(what + size + ", but " + std::to_string(other_width) +
+                         " x " + std::to_string(other_height) + " in frame '" +
+                         previous.name +
+                         "'. Leave one of them out with "
+                         "--frame_list_path.");
       }
       break;
     }
@@ -134,9 +122,9 @@ void CheckCameras(const FrameModel& frame,
 }
 
 // Points of a single image tell nothing.
-void RemoveShortTracks(colmap::Reconstruction* reconstruction) {
-  for (const colmap::point3D_t point_id : reconstruction->Point3DIds()) {
-    if (reconstruction->Point3D(point_id).Track().Length() < 2) {
+void RemoveShortTracks(host::Reconstruction* reconstruction) {
+  for (const host::point3D_t point_id : reconstruction->Point3DIds()) {
+    if (host::TrackOf(reconstruction->Point3D(point_id)).Length() < 2) {
       reconstruction->DeletePoint3D(point_id);
     }
   }
@@ -171,7 +159,7 @@ FrameModel ReadFrame(const std::string& frames_path,
     return frame;
   }
   frame.database_path = FindDatabase(path, frame.model_path);
-  frame.reconstruction = std::make_unique<colmap::Reconstruction>();
+  frame.reconstruction = std::make_unique<host::Reconstruction>();
   ReadModel(frame.model_path, true, frame.reconstruction.get());
   RemoveShortTracks(frame.reconstruction.get());
   MatchImages(naming, camera_idxs, &frame, capture);
@@ -255,7 +243,7 @@ Capture RemoveCamerasWithoutImages(Capture capture) {
   capture.cameras = std::move(cameras);
   for (FrameModel& frame : capture.frames) {
     if (!frame.skip_reason.empty()) continue;
-    std::map<size_t, colmap::image_t> image_ids;
+    std::map<size_t, host::image_t> image_ids;
     for (const auto& idx_and_image : frame.image_ids) {
       image_ids[new_idxs.at(idx_and_image.first)] = idx_and_image.second;
     }
@@ -310,7 +298,7 @@ Capture ReadCapture(const std::string& frames_path,
       CheckCameras(frame, capture.frames, capture.cameras);
     }
     if (!options.quiet) {
-      std::cout << colmap::StringPrintf(
+      std::cout << host::StringPrintf(
           "Frame %zu / %zu '%s': ", i + 1, names.size(), frame.name.c_str());
       if (frame.skip_reason.empty()) {
         std::cout << frame.image_ids.size() << " images, "

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/refinement/options.h"
 #include "src/scene/estimate.h"
@@ -26,8 +26,8 @@ struct FrameModel {
   std::string skip_reason;
   // Images of rig cameras only. Every image has a camera of its own, whose id
   // is the rig camera's index + 1.
-  std::unique_ptr<colmap::Reconstruction> reconstruction;
-  std::map<size_t, colmap::image_t> image_ids;  // by index of the rig camera
+  std::unique_ptr<host::Reconstruction> reconstruction;
+  std::map<size_t, host::image_t> image_ids;  // by index of the rig camera
   // After AlignFrames: RMS distance of the inliers' camera centres from the
   // known ones, in units of the rig.
   double alignment_rms = 0.0;
@@ -78,8 +78,8 @@ Capture RemoveCamerasWithoutImages(Capture capture);
 Capture AlignFrames(const Similarity3& new_from_rig, Capture capture);
 
 // Ids of all points, ascending: the order of the tracks of a Frame.
-std::vector<colmap::point3D_t> SortedPointIds(
-    const colmap::Reconstruction& reconstruction);
+std::vector<host::point3D_t> SortedPointIds(
+    const host::Reconstruction& reconstruction);
 
 // Arrays of the used frames of an aligned capture; the estimate has what the
 // frames' reconstructions have. Ordered by camera, image and point id, so that
@@ -92,7 +92,7 @@ SceneEstimate BuildScene(const Capture& capture);
 // and intrinsics of `cameras`, or the frame's own intrinsics where
 // `single_frame_mode`. Point errors are the mean reprojection errors (px), as
 // in COLMAP.
-colmap::Reconstruction RefinedReconstruction(
+host::Reconstruction RefinedReconstruction(
     const Similarity3& rig_from_new,
     const FrameModel& model,
     const Scene& scene,

@@ -5,7 +5,7 @@
 
 #include <ceres/jet.h>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/camera_models.h"
 
 namespace mfir {
 namespace {
@@ -17,22 +17,22 @@ template <typename ColmapModel>
 class ColmapCameraModel final : public CameraModel {
  public:
   const std::string& Name() const override { return ColmapModel::model_name; }
-  size_t NumParams() const override { return ColmapModel::kNumParams; }
+  size_t NumParams() const override { return Traits::kNumParams; }
   const std::vector<size_t>& FocalLengthIdxs() const override {
-    return ColmapModel::focal_length_idxs;
+    return focal_length_idxs_;
   }
   const std::vector<size_t>& PrincipalPointIdxs() const override {
-    return ColmapModel::principal_point_idxs;
+    return principal_point_idxs_;
   }
   const std::vector<size_t>& ExtraParamsIdxs() const override {
-    return ColmapModel::extra_params_idxs;
+    return extra_params_idxs_;
   }
 
   void Project(const double* params,
                double u,
                double v,
                double* xy) const override {
-    ColmapModel::WorldToImage(params, u, v, &xy[0], &xy[1]);
+    Traits::ImgFromCam(params, u, v, &xy[0], &xy[1]);
   }
 
   void ProjectWithJacobian(const double* params,
@@ -41,14 +41,14 @@ class ColmapCameraModel final : public CameraModel {
                            double* xy,
                            double* jacobian_uv,
                            double* jacobian_params) const override {
-    constexpr int kNumParams = ColmapModel::kNumParams;
+    constexpr int kNumParams = Traits::kNumParams;
     using Jet = ceres::Jet<double, 2 + kNumParams>;
     Jet jet_params[kNumParams];
     for (int i = 0; i < kNumParams; ++i) {
       jet_params[i] = Jet(params[i], 2 + i);
     }
     Jet jet_xy[2];
-    ColmapModel::WorldToImage(
+    Traits::ImgFromCam(
         jet_params, Jet(u, 0), Jet(v, 1), &jet_xy[0], &jet_xy[1]);
     for (int row = 0; row < 2; ++row) {
       xy[row] = jet_xy[row].a;
@@ -64,20 +64,27 @@ class ColmapCameraModel final : public CameraModel {
                  double x,
                  double y,
                  double* uv) const override {
-    ColmapModel::ImageToWorld(params, x, y, &uv[0], &uv[1]);
+    Traits::CamFromImg(params, x, y, &uv[0], &uv[1]);
   }
+
+ private:
+  using Traits = host::CameraModelTraits<ColmapModel>;
+
+  const std::vector<size_t> focal_length_idxs_ = Traits::FocalLengthIdxs();
+  const std::vector<size_t> principal_point_idxs_ =
+      Traits::PrincipalPointIdxs();
+  const std::vector<size_t> extra_params_idxs_ = Traits::ExtraParamsIdxs();
 };
 
 // By COLMAP's model identifier.
 const std::map<int, std::unique_ptr<CameraModel>>& Models() {
   static const auto& models = *[] {
     auto* models = new std::map<int, std::unique_ptr<CameraModel>>();
-#define CAMERA_MODEL_CASE(Model)   \
-  models->emplace(Model::kModelId, \
-                  std::make_unique<ColmapCameraModel<Model>>());
-    using namespace colmap;  // NOLINT: the list of cases is COLMAP's
-    CAMERA_MODEL_CASES
-#undef CAMERA_MODEL_CASE
+    host::VisitCameraModels([models](auto model) {
+      using Model = decltype(model);
+      models->emplace(host::CameraModelTraits<Model>::kModelId,
+                      std::make_unique<ColmapCameraModel<Model>>());
+    });
     return models;
   }();
   return models;
@@ -91,13 +98,19 @@ const CameraModel* FindCameraModel(int model_id) {
 }
 
 const CameraModel* FindCameraModel(const std::string& model_name) {
-  return colmap::ExistsCameraModelWithName(model_name)
-             ? FindCameraModel(colmap::CameraModelNameToId(model_name))
-             : nullptr;
+  for (const auto& id_and_model : Models()) {
+    if (id_and_model.second->Name() == model_name) {
+      return id_and_model.second.get();
+    }
+  }
+  return nullptr;
 }
 
 int CameraModelId(const CameraModel& model) {
-  return colmap::CameraModelNameToId(model.Name());
+  for (const auto& [id, known] : Models()) {
+    if (known.get() == &model || known->Name() == model.Name()) return id;
+  }
+  return -1;
 }
 
 std::vector<const CameraModel*> AllCameraModels() {

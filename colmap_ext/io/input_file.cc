@@ -6,7 +6,7 @@
 #include <string_view>
 #include <system_error>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/util.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -74,7 +74,7 @@ std::vector<ListEntry> ReadNameList(const std::string& option,
   std::vector<ListEntry> entries;
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
-    colmap::StringTrim(&line);
+    host::StringTrim(&line);
     if (!line.empty() && line[0] != '#') {
       entries.push_back({line, path + ":" + std::to_string(number) + ": "});
     }

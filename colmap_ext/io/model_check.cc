@@ -6,7 +6,6 @@
 #include <unordered_set>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
 #include "colmap_ext/io/camera_models.h"
 #include "src/util/errors.h"
 #include "src/util/parse_number.h"
@@ -26,28 +25,30 @@ const size_t kMaxImageSize = 1000000;  // pixels per side
                    ". Correct the file, or export the model again.");
 }
 
-std::string ImageEntry(const colmap::Image& image) {
+std::string ImageEntry(const host::Image& image) {
   return "image " + std::to_string(image.ImageId()) + " (" + image.Name() + ")";
 }
 
-void CheckCamera(const std::string& path, const colmap::Camera& camera) {
-  const std::string entry = "camera " + std::to_string(camera.CameraId());
-  for (const size_t size : {camera.Width(), camera.Height()}) {
+void CheckCamera(const std::string& path, const host::Camera& camera) {
+  const std::string entry = "camera " + std::to_string(host::CameraId(camera));
+  const size_t width = host::Width(camera);
+  const size_t height = host::Height(camera);
+  for (const size_t size : {width, height}) {
     if (size == 0 || size > kMaxImageSize) {
       Fail(path,
            entry,
-           "image size " + std::to_string(camera.Width()) + " x " +
-               std::to_string(camera.Height()) + " is not between 1 and " +
+           "image size " + std::to_string(width) + " x " +
+               std::to_string(height) + " is not between 1 and " +
                std::to_string(kMaxImageSize) + " pixels");
     }
   }
-  const std::string problem =
-      IntrinsicsProblem(*FindCameraModel(camera.ModelId()), camera.Params());
+  const std::string problem = IntrinsicsProblem(
+      *FindCameraModel(host::ModelId(camera)), host::Params(camera));
   if (!problem.empty()) Fail(path, entry, problem);
 }
 
-void CheckImage(const std::string& path, const colmap::Image& image) {
-  const Rigid3 cam_from_world = CamFromWorld(image);
+void CheckImage(const std::string& path, const host::Image& image) {
+  const Rigid3 cam_from_world = host::CamFromWorld(image);
   if (!(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
     Fail(path, ImageEntry(image), "the rotation is not finite");
   }
@@ -61,9 +62,9 @@ void CheckImage(const std::string& path, const colmap::Image& image) {
     Fail(path, ImageEntry(image), "line breaks or tabs in the image name");
   }
   size_t point2D_idx = 0;
-  for (const colmap::Point2D& point2D : image.Points2D()) {
-    if (!point2D.XY().allFinite() ||
-        point2D.XY().cwiseAbs().maxCoeff() > kMaxCoordinatePx) {
+  for (const host::Point2D& point2D : image.Points2D()) {
+    const Eigen::Vector2d& xy = host::Xy(point2D);
+    if (!xy.allFinite() || xy.cwiseAbs().maxCoeff() > kMaxCoordinatePx) {
       Fail(path,
            ImageEntry(image),
            "observation " + std::to_string(point2D_idx) +
@@ -74,7 +75,7 @@ void CheckImage(const std::string& path, const colmap::Image& image) {
 }
 
 void CheckImages(const std::string& path,
-                 const colmap::Reconstruction& reconstruction) {
+                 const host::Reconstruction& reconstruction) {
   std::unordered_set<std::string> names;
   for (const auto& [image_id, image] : reconstruction.Images()) {
     CheckImage(path, image);
@@ -86,31 +87,31 @@ void CheckImages(const std::string& path,
 
 // `elements` is scratch memory.
 void CheckTrack(const std::string& path,
-                colmap::point3D_t point3D_id,
-                const colmap::Track& track,
-                const colmap::Reconstruction& reconstruction,
+                host::point3D_t point3D_id,
+                const host::Track& track,
+                const host::Reconstruction& reconstruction,
                 std::vector<uint64_t>* elements) {
   const auto fail = [&](const std::string& what) {
     Fail(path, "point " + std::to_string(point3D_id), what);
   };
-  const auto observation = [](const colmap::TrackElement& element,
-                              const colmap::Image& image) {
+  const auto observation = [](const host::TrackElement& element,
+                              const host::Image& image) {
     return "observation " + std::to_string(element.point2D_idx) + " of " +
            ImageEntry(image);
   };
   elements->clear();
-  for (const colmap::TrackElement& element : track.Elements()) {
+  for (const host::TrackElement& element : track.Elements()) {
     const auto it = reconstruction.Images().find(element.image_id);
     if (it == reconstruction.Images().end()) {
       fail("its track names the unknown image " +
            std::to_string(element.image_id));
     }
-    const colmap::Image& image = it->second;
+    const host::Image& image = it->second;
     if (element.point2D_idx >= image.NumPoints2D()) {
       fail("its track names " + observation(element, image) +
            ", which has only " + std::to_string(image.NumPoints2D()));
     }
-    if (image.Point2D(element.point2D_idx).Point3DId() != point3D_id) {
+    if (host::Point3DId(image.Point2D(element.point2D_idx)) != point3D_id) {
       fail("its track names " + observation(element, image) +
            ", which is of another point");
     }
@@ -124,16 +125,16 @@ void CheckTrack(const std::string& path,
 }
 
 [[noreturn]] void FailForObservationsWithoutTrack(
-    const ModelFiles& files, const colmap::Reconstruction& reconstruction) {
+    const ModelFiles& files, const host::Reconstruction& reconstruction) {
   for (const auto& [image_id, image] : reconstruction.Images()) {
-    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
-      const colmap::Point2D& point2D = image.Point2D(i);
+    for (host::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+      const host::Point2D& point2D = image.Point2D(i);
       if (point2D.HasPoint3D() &&
-          !reconstruction.ExistsPoint3D(point2D.Point3DId())) {
+          !reconstruction.ExistsPoint3D(host::Point3DId(point2D))) {
         Fail(files.images,
              ImageEntry(image),
              "observation " + std::to_string(i) + " is of the unknown point " +
-                 std::to_string(point2D.Point3DId()));
+                 std::to_string(host::Point3DId(point2D)));
       }
     }
   }
@@ -144,19 +145,19 @@ void CheckTrack(const std::string& path,
 }
 
 void CheckPoints3D(const ModelFiles& files,
-                   const colmap::Reconstruction& reconstruction) {
+                   const host::Reconstruction& reconstruction) {
   size_t num_track_elements = 0;
   std::vector<uint64_t> elements;
   for (const auto& [point3D_id, point3D] : reconstruction.Points3D()) {
-    const std::string problem = CoordinateProblem(point3D.XYZ());
+    const std::string problem = CoordinateProblem(host::Xyz(point3D));
     if (!problem.empty()) {
       Fail(files.points3D,
            "point " + std::to_string(point3D_id),
            "the position " + problem);
     }
-    CheckTrack(
-        files.points3D, point3D_id, point3D.Track(), reconstruction, &elements);
-    num_track_elements += point3D.Track().Length();
+    const host::Track& track = host::TrackOf(point3D);
+    CheckTrack(files.points3D, point3D_id, track, reconstruction, &elements);
+    num_track_elements += track.Length();
   }
   // Every track element has an observation of its own, so the counts differ
   // only if an observation is in no track.
@@ -205,7 +206,7 @@ std::string IntrinsicsProblem(const CameraModel& model,
 }
 
 void CheckModelValues(const ModelFiles& files,
-                      const colmap::Reconstruction& reconstruction) {
+                      const host::Reconstruction& reconstruction) {
   for (const auto& [camera_id, camera] : reconstruction.Cameras()) {
     CheckCamera(files.cameras, camera);
   }

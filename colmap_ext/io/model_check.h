@@ -9,11 +9,8 @@
 
 #include <Eigen/Core>
 
+#include "colmap_ext/host/reconstruction.h"
 #include "src/sensor/camera_model.h"
-
-namespace colmap {
-class Reconstruction;
-}
 
 namespace mfir {
 
@@ -45,6 +42,6 @@ std::string IntrinsicsProblem(const CameraModel& model,
 // consistent references between images and points. Throws InputError naming
 // the file and the camera, image or point.
 void CheckModelValues(const ModelFiles& files,
-                      const colmap::Reconstruction& reconstruction);
+                      const host::Reconstruction& reconstruction);
 
 }  // namespace mfir

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_check.h"
 #include "src/sensor/camera_naming.h"
@@ -156,13 +156,9 @@ class ReadableModel {
 
 void ReadWithColmap(const std::string& path,
                     const ModelFiles& files,
-                    colmap::Reconstruction* reconstruction) {
+                    host::Reconstruction* reconstruction) {
   const auto read = [&](const std::string& folder) {
-    if (files.is_binary) {
-      reconstruction->ReadBinary(folder);
-    } else {
-      reconstruction->ReadText(folder);
-    }
+    host::ReadReconstruction(folder, files.is_binary, reconstruction);
   };
   try {
     if (IsReadable(files)) {
@@ -181,10 +177,10 @@ void ReadWithColmap(const std::string& path,
 }
 
 // A model without points may have observations of the points that it had.
-void ForgetPoints(colmap::Reconstruction* reconstruction) {
+void ForgetPoints(host::Reconstruction* reconstruction) {
   for (const auto& id_and_image : reconstruction->Images()) {
-    colmap::Image& image = reconstruction->Image(id_and_image.first);
-    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+    host::Image& image = reconstruction->Image(id_and_image.first);
+    for (host::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
       image.ResetPoint3DForPoint2D(i);
     }
   }
@@ -263,10 +259,10 @@ std::string FindSparseModel(const std::string& frame_path) {
 
 void ReadModel(const std::string& path,
                bool require_points,
-               colmap::Reconstruction* reconstruction) {
+               host::Reconstruction* reconstruction) {
   const ModelFiles files = LocateModelFiles(path, require_points);
   CheckModelFiles(files);
-  colmap::Reconstruction model;
+  host::Reconstruction model;
   ReadWithColmap(path, files, &model);
   if (!require_points && model.NumPoints3D() == 0) {
     ForgetPoints(&model);
@@ -277,7 +273,7 @@ void ReadModel(const std::string& path,
 
 void WriteModel(const std::string& path,
                 bool with_text,
-                const colmap::Reconstruction& reconstruction) {
+                const host::Reconstruction& reconstruction) {
   const fs::path folder = path;
   std::error_code error;
   fs::create_directories(folder, error);

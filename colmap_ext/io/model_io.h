@@ -6,9 +6,7 @@
 
 #include <string>
 
-namespace colmap {
-class Reconstruction;
-}
+#include "colmap_ext/host/reconstruction.h"
 
 namespace mfir {
 
@@ -39,7 +37,7 @@ std::string FindSparseModel(const std::string& frame_path);
 // keypoints that do not point back to the track's point.
 void ReadModel(const std::string& path,
                bool require_points,
-               colmap::Reconstruction* reconstruction);
+               host::Reconstruction* reconstruction);
 
 // Writes a binary model, and with `with_text` a text model too, to the folder
 // `path`, which is made. COLMAP 3.8 does not check its writes, so the files are
@@ -47,6 +45,6 @@ void ReadModel(const std::string& path,
 // files are not complete.
 void WriteModel(const std::string& path,
                 bool with_text,
-                const colmap::Reconstruction& reconstruction);
+                const host::Reconstruction& reconstruction);
 
 }  // namespace mfir

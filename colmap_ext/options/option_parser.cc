@@ -11,7 +11,7 @@
 
 #include <boost/program_options.hpp>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/options.h"
 #include "colmap_ext/io/input_file.h"
 #include "src/util/edit_distance.h"
 #include "src/util/errors.h"
@@ -137,7 +137,7 @@ void OptionParser::Add(const std::string& name,
                        const std::string& help) {
   Option option;
   option.name = name;
-  option.add = [name, value, help](colmap::OptionManager* manager) {
+  option.add = [name, value, help](host::OptionManager* manager) {
     manager->AddDefaultOption(name, value, help);
   };
   option.value = [value]() { return ToString(*value); };
@@ -230,12 +230,11 @@ void OptionParser::Parse(
 }
 
 void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
-  colmap::OptionManager manager;
+  host::OptionManager manager;
   for (const Option& option : options_) {
     option.add(&manager);
   }
-  std::vector<std::string> filtered = {"colmap"};
-  bool log_level_set = false;
+  std::vector<std::string> filtered;
   for (size_t i = 0; i < arguments.size(); ++i) {
     const bool is_value = i > 0 && arguments[i - 1].rfind("--", 0) == 0 &&
                           arguments[i - 1].find('=') == std::string::npos &&
@@ -249,7 +248,6 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
                          " has an empty value. Give 0 or 1.");
       }
     }
-    log_level_set = log_level_set || arguments[i].rfind("--log_level", 0) == 0;
     // OptionManager would read the file itself and drop the command line.
     if (arguments[i] == "--project_path") {
       ++i;
@@ -257,13 +255,7 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
       filtered.push_back(arguments[i]);
     }
   }
-  std::vector<char*> argv;
-  for (std::string& argument : filtered) {
-    argv.push_back(&argument[0]);
-  }
-  manager.Parse(static_cast<int>(argv.size()), argv.data());
-  // OptionManager makes glog verbose, and with it Ceres.
-  if (!log_level_set) FLAGS_v = 0;
+  host::ParseOptions(filtered, &manager);
 }
 
 // OptionManager accepts any unambiguous beginning of a name; a typo must not
@@ -275,10 +267,8 @@ void OptionParser::CheckName(const std::string& argument) const {
                      "' is no option. Options are given as --name value.");
   }
   const std::string name = argument.substr(2, argument.find('=') - 2);
-  for (const char* known :
-       {"help", "project_path", "random_seed", "log_to_stderr", "log_level"}) {
-    if (name == known) return;
-  }
+  const std::vector<std::string>& common = host::CommonOptionNames();
+  if (std::find(common.begin(), common.end(), name) != common.end()) return;
   if (Find(name) == nullptr) {
     throw UsageError("There is no option --" + name + "." + DidYouMean(name) +
                      " See --help.");

@@ -11,9 +11,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace colmap {
-class OptionManager;
-}
+#include "colmap_ext/host/options.h"
 
 namespace mfir {
 
@@ -59,7 +57,7 @@ class OptionParser {
   struct Option {
     std::string name;
     std::string* required = nullptr;
-    std::function<void(colmap::OptionManager*)> add;
+    std::function<void(host::OptionManager*)> add;
     std::function<std::string()> value;
     std::function<nlohmann::ordered_json()> json;
   };

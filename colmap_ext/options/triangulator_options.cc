@@ -3,6 +3,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "colmap_ext/host/feature_options.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/util/errors.h"
@@ -27,58 +28,20 @@ void CheckFormat(const std::string& name, const std::string& format) {
                    ": must be auto, colmap, krt or opencv.");
 }
 
-void AddSiftExtractionOptions(colmap::SiftExtractionOptions* sift,
-                              OptionParser* parser) {
-  const auto add = [parser](const std::string& name, auto* value) {
-    parser->Add("SiftExtraction." + name, value, "as in COLMAP");
-  };
-  add("num_threads", &sift->num_threads);
-  add("use_gpu", &sift->use_gpu);
-  add("gpu_index", &sift->gpu_index);
-  add("max_image_size", &sift->max_image_size);
-  add("max_num_features", &sift->max_num_features);
-  add("first_octave", &sift->first_octave);
-  add("num_octaves", &sift->num_octaves);
-  add("octave_resolution", &sift->octave_resolution);
-  add("peak_threshold", &sift->peak_threshold);
-  add("edge_threshold", &sift->edge_threshold);
-  add("estimate_affine_shape", &sift->estimate_affine_shape);
-  add("max_num_orientations", &sift->max_num_orientations);
-  add("upright", &sift->upright);
-  add("domain_size_pooling", &sift->domain_size_pooling);
-  add("dsp_min_scale", &sift->dsp_min_scale);
-  add("dsp_max_scale", &sift->dsp_max_scale);
-  add("dsp_num_scales", &sift->dsp_num_scales);
-}
-
-void AddSiftMatchingOptions(colmap::SiftMatchingOptions* sift,
-                            OptionParser* parser) {
-  const auto add = [parser](const std::string& name, auto* value) {
-    parser->Add("SiftMatching." + name, value, "as in COLMAP");
-  };
-  add("num_threads", &sift->num_threads);
-  add("use_gpu", &sift->use_gpu);
-  add("gpu_index", &sift->gpu_index);
-  add("max_num_matches", &sift->max_num_matches);
-}
-
 // Of matching again along epipolar lines, which is part of the verification.
-void AddVerificationOptions(colmap::SiftMatchingOptions* sift,
+void AddVerificationOptions(TriangulatorOptions* options,
                             OptionParser* parser) {
-  const auto add = [parser](const std::string& name,
-                            auto* value,
-                            const std::string& help = "as in COLMAP") {
-    parser->Add("SiftMatching." + name, value, help);
-  };
-  add("max_ratio", &sift->max_ratio);
-  add("max_distance", &sift->max_distance);
-  add("cross_check", &sift->cross_check);
-  add("min_num_inliers",
-      &sift->min_num_inliers,
-      "as in COLMAP, of a pair of images");
-  add("guided_matching",
-      &sift->guided_matching,
-      "1: match again along the known epipolar lines");
+  host::VisitMatchSelectionOptions(
+      &options->feature_matching,
+      [parser](const std::string& name, auto* value) {
+        parser->Add(name, value, "as in COLMAP");
+      });
+  parser->Add(host::kMinNumInliersName,
+              &options->min_num_inliers,
+              "as in COLMAP, of a pair of images");
+  parser->Add(std::string(host::kMatchingSection) + "guided_matching",
+              &options->feature_matching.guided_matching,
+              "1: match again along the known epipolar lines");
 }
 
 void AddMapperOptions(TriangulatorOptions* options, OptionParser* parser) {
@@ -89,7 +52,7 @@ void AddMapperOptions(TriangulatorOptions* options, OptionParser* parser) {
   };
   const std::string kFromData =
       "as in COLMAP; 0: from the estimated epipolar tolerance";
-  colmap::IncrementalTriangulator::Options* tri = &options->triangulation;
+  host::TriangulatorOptions* tri = &options->triangulation;
   add("min_num_matches", &options->min_num_matches);
   add("ignore_watermarks", &options->ignore_watermarks);
   add("filter_max_reproj_error", &options->filter_max_reproj_error, kFromData);
@@ -135,9 +98,8 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
 }  // namespace
 
 TriangulatorOptions::TriangulatorOptions() {
-  sift_matching.min_num_inliers = 5;
   // Twice the points on a real dome: the ratio test has fewer rivals.
-  sift_matching.guided_matching = true;
+  feature_matching.guided_matching = true;
   triangulation.ignore_two_view_tracks = false;
   // COLMAP leaves cameras out whose intrinsics look like a failed estimate.
   // Here they are given, and k2 of a narrow lens may well be 3.
@@ -174,9 +136,12 @@ void TriangulatorOptions::Check() const {
                      "num_threads must be 1 to 1024, or -1 for all.");
   }
   // Each octave below 0 takes 4 times the memory.
-  CheckRange(
-      "SiftExtraction.first_octave", sift_extraction.first_octave, -2, 10);
+  CheckRange(host::kFirstOctaveName,
+             host::SiftExtraction(feature_extraction).first_octave,
+             -2,
+             10);
   const double kMax = std::numeric_limits<double>::max();
+  CheckRange(host::kMinNumInliersName, min_num_inliers, 0, 1e9);
   CheckRange("Mapper.min_num_matches", min_num_matches, 1, 1e9);
   CheckRange(
       "Mapper.filter_max_reproj_error", filter_max_reproj_error, 0, kMax);
@@ -200,11 +165,12 @@ void TriangulatorOptions::Check() const {
              0,
              kMax);
   // The others are COLMAP's to check; it reports the option by itself.
-  colmap::IncrementalTriangulator::Options positive = triangulation;
+  host::TriangulatorOptions positive = triangulation;
   positive.create_max_angle_error = positive.continue_max_angle_error = 1.0;
   positive.re_max_angle_error = positive.merge_max_reproj_error = 1.0;
   positive.complete_max_reproj_error = 1.0;
-  if (!sift_extraction.Check() || !sift_matching.Check() || !positive.Check()) {
+  if (!feature_extraction.Check() || !feature_matching.Check() ||
+      !positive.Check()) {
     throw UsageError(
         "An option of [SiftExtraction], [SiftMatching] or [Mapper] is out of "
         "range; the line above names it.");
@@ -215,9 +181,11 @@ void AddTrackOptions(TriangulatorOptions* options, OptionParser* parser) {
   parser->Add("MultiFrameTriangulator.max_epipolar_error",
               &options->max_epipolar_error,
               "cap of the tolerance of epipolar errors / larger image side");
-  AddVerificationOptions(&options->sift_matching, parser);
+  AddVerificationOptions(options, parser);
   AddMapperOptions(options, parser);
-  parser->AddSharedSection("SiftMatching");
+  for (const char* section : host::kMatchingSections) {
+    parser->AddSharedSection(section);
+  }
   parser->AddSharedSection("Mapper");
 }
 
@@ -261,10 +229,15 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
   parser->Add("ImageReader.camera_mask_path",
               &options->camera_mask_path,
               "one mask for all images");
-  AddSiftExtractionOptions(&options->sift_extraction, parser);
-  AddSiftMatchingOptions(&options->sift_matching, parser);
+  const auto add = [parser](const std::string& name, auto* value) {
+    parser->Add(name, value, "as in COLMAP");
+  };
+  host::VisitExtractionOptions(&options->feature_extraction, add);
+  host::VisitMatchingOptions(&options->feature_matching, add);
   AddTrackOptions(options, parser);
-  for (const char* section : {"MultiFrame", "ImageReader", "SiftExtraction"}) {
+  parser->AddSharedSection("MultiFrame");
+  parser->AddSharedSection("ImageReader");
+  for (const char* section : host::kExtractionSections) {
     parser->AddSharedSection(section);
   }
 }

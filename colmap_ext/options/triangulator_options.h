@@ -5,7 +5,8 @@
 #include <limits>
 #include <string>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/feature.h"
+#include "colmap_ext/host/triangulation.h"
 #include "colmap_ext/options/option_parser.h"
 #include "src/scene/view_overlap.h"
 
@@ -39,11 +40,12 @@ struct TriangulatorOptions {
   // its choice of images is not used here.
   std::string camera_model = "PINHOLE";  // [ImageReader]
   std::string camera_mask_path;
-  colmap::SiftExtractionOptions sift_extraction;
-  colmap::SiftMatchingOptions sift_matching;
+  host::FeatureExtractionOptions feature_extraction;
+  host::FeatureMatchingOptions feature_matching;
+  int min_num_inliers = 5;  // of a pair of images
   int min_num_matches = 5;  // [Mapper]
   bool ignore_watermarks = false;
-  colmap::IncrementalTriangulator::Options triangulation;
+  host::TriangulatorOptions triangulation;
   double filter_max_reproj_error = 0.0;
   double filter_min_tri_angle = 1.5;
 

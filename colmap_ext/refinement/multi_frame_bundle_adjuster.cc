@@ -1,6 +1,5 @@
 #include "colmap_ext/refinement/multi_frame_bundle_adjuster.h"
 
-#include <algorithm>
 #include <map>
 #include <memory>
 #include <vector>
@@ -8,46 +7,43 @@
 namespace mfir {
 namespace {
 
-colmap::BundleAdjustmentOptions ColmapOptions(
-    const MultiFrameOptions& options) {
-  colmap::BundleAdjustmentOptions colmap_options;
-  colmap_options.refine_focal_length = options.refine_focal_length;
-  colmap_options.refine_principal_point = options.refine_principal_point;
-  colmap_options.refine_extra_params = options.refine_extra_params;
-  return colmap_options;
+host::BundleAdjustmentOptions HostOptions(const MultiFrameOptions& options) {
+  return {options.refine_focal_length,
+          options.refine_principal_point,
+          options.refine_extra_params};
 }
 
 void SetEstimate(const Frame& frame,
                  const FrameEstimate& estimate,
                  const FrameModel& model,
-                 colmap::Reconstruction* reconstruction) {
+                 host::Reconstruction* reconstruction) {
   for (size_t i = 0; i < frame.images.size(); ++i) {
-    colmap::Image& image =
+    host::Image& image =
         reconstruction->Image(model.image_ids.at(frame.images[i].camera_idx));
-    SetCamFromWorld(estimate.images[i].cam_from_world, &image);
-    reconstruction->Camera(image.CameraId())
-        .SetParams(estimate.images[i].params);
+    host::SetCamFromWorld(estimate.images[i].cam_from_world, &image);
+    host::SetParams(estimate.images[i].params,
+                    &reconstruction->Camera(image.CameraId()));
   }
-  const std::vector<colmap::point3D_t> point_ids =
+  const std::vector<host::point3D_t> point_ids =
       SortedPointIds(*reconstruction);
   for (size_t i = 0; i < point_ids.size(); ++i) {
-    reconstruction->Point3D(point_ids[i]).SetXYZ(estimate.points[i]);
+    host::Xyz(&reconstruction->Point3D(point_ids[i])) = estimate.points[i];
   }
 }
 
 FrameEstimate GetEstimate(const Frame& frame,
                           const FrameModel& model,
-                          const colmap::Reconstruction& reconstruction) {
+                          const host::Reconstruction& reconstruction) {
   FrameEstimate estimate;
   for (const FrameImage& frame_image : frame.images) {
-    const colmap::Image& image =
+    const host::Image& image =
         reconstruction.Image(model.image_ids.at(frame_image.camera_idx));
     estimate.images.push_back(
-        {CamFromWorld(image),
-         reconstruction.Camera(image.CameraId()).Params()});
+        {host::CamFromWorld(image),
+         host::Params(reconstruction.Camera(image.CameraId()))});
   }
-  for (const colmap::point3D_t point_id : SortedPointIds(reconstruction)) {
-    estimate.points.push_back(reconstruction.Point3D(point_id).XYZ());
+  for (const host::point3D_t point_id : SortedPointIds(reconstruction)) {
+    estimate.points.push_back(host::Xyz(reconstruction.Point3D(point_id)));
   }
   return estimate;
 }
@@ -56,40 +52,36 @@ FrameEstimate GetEstimate(const Frame& frame,
 
 MultiFrameBundleAdjuster::MultiFrameBundleAdjuster(
     const MultiFrameOptions& options)
-    : colmap::BundleAdjuster(ColmapOptions(options),
-                             colmap::BundleAdjustmentConfig()),
-      multi_frame_options_(options) {}
+    : options_(options), adjuster_(HostOptions(options)) {}
 
 Estimate MultiFrameBundleAdjuster::Run(const StageCallback& callback,
                                        const Capture& capture,
                                        const Scene& scene,
                                        Estimate estimate) {
-  problem_ = std::make_unique<ceres::Problem>();
-  ProgressiveSchedule schedule(multi_frame_options_,
-                               scene.frames.size(),
-                               &estimate.cameras,
-                               problem_.get());
+  ProgressiveSchedule schedule(
+      options_, scene.frames.size(), &estimate.cameras, adjuster_.Problem());
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     if (scene.cameras[i].constant_intrinsics) {
-      config_.SetConstantCamera(static_cast<colmap::camera_t>(i + 1));
+      adjuster_.SetConstantCamera(static_cast<host::camera_t>(i + 1));
     }
   }
   // COLMAP's residual blocks need a reconstruction that holds the variables.
   std::vector<const FrameModel*> models;
-  std::vector<std::unique_ptr<colmap::Reconstruction>> reconstructions;
+  std::vector<std::unique_ptr<host::Reconstruction>> reconstructions;
   for (const FrameModel& model : capture.frames) {
     if (!model.skip_reason.empty()) continue;
     const size_t f = models.size();
     models.push_back(&model);
     reconstructions.push_back(
-        std::make_unique<colmap::Reconstruction>(*model.reconstruction));
+        std::make_unique<host::Reconstruction>(*model.reconstruction));
     SetEstimate(scene.frames[f],
                 estimate.frames[f],
                 model,
                 reconstructions.back().get());
     AddFrame(scene.frames[f], model, reconstructions.back().get(), &schedule);
   }
-  schedule.Run(options_.solver_options, callback);
+  schedule.Run(adjuster_.SolverOptions(), callback);
+  adjuster_.UpdatePoses();
   for (size_t f = 0; f < models.size(); ++f) {
     estimate.frames[f] =
         GetEstimate(scene.frames[f], *models[f], *reconstructions[f]);
@@ -99,34 +91,28 @@ Estimate MultiFrameBundleAdjuster::Run(const StageCallback& callback,
 
 void MultiFrameBundleAdjuster::AddFrame(const Frame& scene_frame,
                                         const FrameModel& frame,
-                                        colmap::Reconstruction* reconstruction,
+                                        host::Reconstruction* reconstruction,
                                         ProgressiveSchedule* schedule) {
-  camera_ids_.clear();
-  point3D_num_observations_.clear();
+  adjuster_.BeginReconstruction(reconstruction);
   ceres::LossFunction* loss =
       schedule->BeginFrame(scene_frame.observations.size());
   std::vector<ImageBlocks> images;
-  for (const auto& idx_and_image : frame.image_ids) {
-    AddImageToProblem(idx_and_image.second, reconstruction, loss);
-    colmap::Image& image = reconstruction->Image(idx_and_image.second);
+  for (const auto& [camera_idx, image_id] : frame.image_ids) {
+    const host::BundleAdjuster::PoseBlocks pose =
+        adjuster_.AddImage(image_id, loss);
     // An image without observations has no blocks in the problem.
-    if (camera_ids_.count(image.CameraId()) > 0) {
-      images.push_back({idx_and_image.first,
-                        image.Qvec().data(),
-                        image.Tvec().data(),
-                        reconstruction->Camera(image.CameraId()).ParamsData()});
-    }
+    if (pose.rotation == nullptr) continue;
+    images.push_back(
+        {camera_idx,
+         pose.rotation,
+         pose.translation,
+         host::ParamsData(reconstruction->Image(image_id).CameraId(),
+                          reconstruction)});
   }
-  ParameterizeCameras(reconstruction);
-
-  std::vector<colmap::point3D_t> point_ids;
-  for (const auto& id_and_count : point3D_num_observations_) {
-    point_ids.push_back(id_and_count.first);
-  }
-  std::sort(point_ids.begin(), point_ids.end());
+  adjuster_.EndReconstruction();
   std::vector<double*> points;
-  for (const colmap::point3D_t point_id : point_ids) {
-    points.push_back(reconstruction->Point3D(point_id).XYZ().data());
+  for (const host::point3D_t point_id : SortedPointIds(*reconstruction)) {
+    points.push_back(host::Xyz(&reconstruction->Point3D(point_id)).data());
   }
   schedule->EndFrame(images, points);
   if (scene_frame.cost_maps != nullptr) {
@@ -137,16 +123,16 @@ void MultiFrameBundleAdjuster::AddFrame(const Frame& scene_frame,
 void MultiFrameBundleAdjuster::AddFeaturemetric(
     const Frame& scene_frame,
     const std::vector<ImageBlocks>& images,
-    colmap::Reconstruction* reconstruction,
+    host::Reconstruction* reconstruction,
     ProgressiveSchedule* schedule) {
   std::map<size_t, const ImageBlocks*> blocks_by_camera;
   for (const ImageBlocks& image : images) {
     blocks_by_camera[image.camera_idx] = &image;
   }
-  const std::vector<colmap::point3D_t> point_ids =
+  const std::vector<host::point3D_t> point_ids =
       SortedPointIds(*reconstruction);
   for (size_t i = 0; i < point_ids.size(); ++i) {
-    double* xyz = reconstruction->Point3D(point_ids[i]).XYZ().data();
+    double* xyz = host::Xyz(&reconstruction->Point3D(point_ids[i])).data();
     for (size_t k = scene_frame.track_begins[i];
          k < scene_frame.track_begins[i + 1];
          ++k) {

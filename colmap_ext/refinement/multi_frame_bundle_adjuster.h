@@ -4,7 +4,7 @@
 #pragma once
 
 #include "colmap_ext/frames/frames.h"
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/bundle_adjustment.h"
 #include "src/refinement/options.h"
 #include "src/refinement/progressive_schedule.h"
 #include "src/scene/estimate.h"
@@ -12,10 +12,9 @@
 
 namespace mfir {
 
-// Reuses COLMAP's reprojection blocks, parameterizations and options as they
-// are (its SetUp functions are protected in the patched COLMAP); loss, priors
+// Reprojection residuals and what is held constant are COLMAP's; loss, priors
 // and solves are ProgressiveSchedule's.
-class MultiFrameBundleAdjuster : public colmap::BundleAdjuster {
+class MultiFrameBundleAdjuster {
  public:
   explicit MultiFrameBundleAdjuster(const MultiFrameOptions& options);
 
@@ -29,14 +28,15 @@ class MultiFrameBundleAdjuster : public colmap::BundleAdjuster {
  private:
   void AddFrame(const Frame& scene_frame,
                 const FrameModel& frame,
-                colmap::Reconstruction* reconstruction,
+                host::Reconstruction* reconstruction,
                 ProgressiveSchedule* schedule);
   void AddFeaturemetric(const Frame& scene_frame,
                         const std::vector<ImageBlocks>& images,
-                        colmap::Reconstruction* reconstruction,
+                        host::Reconstruction* reconstruction,
                         ProgressiveSchedule* schedule);
 
-  const MultiFrameOptions multi_frame_options_;
+  const MultiFrameOptions options_;
+  host::BundleAdjuster adjuster_;
 };
 
 }  // namespace mfir

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <iostream>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/log.h"
+#include "colmap_ext/host/util.h"
 
 namespace mfir {
 
@@ -11,7 +12,7 @@ void Progress::Heading(const std::string& name) {
   EndTiming();
   name_ = name;
   start_ = std::chrono::steady_clock::now();
-  if (!options_.quiet) colmap::PrintHeading1(name);
+  if (!options_.quiet) host::PrintHeading1(name);
 }
 
 void Progress::Log(const std::string& line) const {
@@ -29,17 +30,17 @@ StageCallback Progress::RecordStages() {
     std::string prior;
     for (const auto& name_and_weight : stage.weights) {
       if (name_and_weight.first == "rotation_prior") {
-        prior = colmap::StringPrintf(", prior weight %g of %g",
-                                     name_and_weight.second,
-                                     options_.max_prior_weight);
+        prior = host::StringPrintf(", prior weight %g of %g",
+                                   name_and_weight.second,
+                                   options_.max_prior_weight);
       }
     }
     const int num_schedule = options_.NumScheduleSolves();
     const std::string number =
         stage.name == "schedule"
-            ? colmap::StringPrintf("%zu / %d", stages_.size(), num_schedule)
+            ? host::StringPrintf("%zu / %d", stages_.size(), num_schedule)
             : std::to_string(stages_.size());
-    Log(colmap::StringPrintf(
+    Log(host::StringPrintf(
         "Solve %s (%s%s): cost %.6g, rms %.3f px, %d iterations, %.1f s, %s",
         number.c_str(),
         stage.name.c_str(),

@@ -5,6 +5,7 @@
 #include <iostream>
 #include <utility>
 
+#include "colmap_ext/host/util.h"
 #include "src/geometry/alignment.h"
 #include "src/scene/residual_statistics.h"
 #include "src/util/errors.h"
@@ -29,7 +30,7 @@ std::vector<KnownCamera> RefinedCameras(const MultiFrameOptions& options,
       cameras[i].cam_from_world =
           TransformPose(rig_from_normalized, camera.cam_from_world);
       cameras[i].cam_from_world.rotation =
-          StableQuaternion(cameras[i].cam_from_world.rotation);
+          host::StableQuaternion(cameras[i].cam_from_world.rotation);
     }
   }
   return cameras;
@@ -72,7 +73,7 @@ void WarnOfDrift(const std::string& name,
                  const CameraDrift& drift) {
   std::cerr << "WARNING: camera '" << name << "' has changed unusually since "
             << since << ": "
-            << colmap::StringPrintf(
+            << host::StringPrintf(
                    "focal length %.2f permille (the other cameras %.2f), "
                    "principal point (%.2f, %.2f) px (the others %.2f), %.1f "
                    "robust standard deviations",
@@ -93,7 +94,7 @@ void WarnOfBumpedCameras(const RefinerResult& result) {
     const PoseDisagreement& pose = result.pose_disagreements[i];
     if (pose.is_moved) {
       std::cerr << "WARNING: camera '" << name << "' has moved: "
-                << colmap::StringPrintf(
+                << host::StringPrintf(
                        "in the frames it is turned by %.2f degrees against "
                        "RIG (the other cameras by %.3f)",
                        pose.angle_deg,
@@ -180,9 +181,9 @@ std::string DescribeResult(const RefinerResult& result) {
   const RefinedTracks& refined = result.refined;
   const std::string held_out_rms =
       std::isfinite(refined.held_out_rms_px)
-          ? colmap::StringPrintf("%.3f px held out, ", refined.held_out_rms_px)
+          ? host::StringPrintf("%.3f px held out, ", refined.held_out_rms_px)
           : "";
-  return colmap::StringPrintf(
+  return host::StringPrintf(
       "%s: rms %.3f px before, %.3f px after, %snoise %.3f px, outliers %.1f "
       "%%",
       result.status.c_str(),

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "colmap_ext/controllers/frame_retriangulation.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/refinement/multi_frame_bundle_adjuster.h"
 #include "colmap_ext/refinement/scene_features.h"
 #include "src/evaluation/extrinsics_check.h"
@@ -54,7 +55,7 @@ void LogRetriangulation(const Retriangulation& tracks,
   size_t num_points_before = 0;
   size_t num_observations_before = 0;
   CountTracks(scene, &num_points_before, &num_observations_before);
-  progress.Log(colmap::StringPrintf(
+  progress.Log(host::StringPrintf(
       "Round %s: new tracks in %zu of %zu frames, %zu points (before %zu), "
       "track length %.2f (%.2f), tolerance %.1f px",
       round.c_str(),
@@ -186,7 +187,7 @@ Contradictions DescribeContradictions(
   Contradictions described;
   for (const ExtrinsicsContradiction& contradiction : contradictions) {
     described[scene.cameras[contradiction.camera_idx].name] =
-        colmap::StringPrintf(
+        host::StringPrintf(
             "its residuals are %.2f px, the median camera's %.2f px, its own "
             "in the frames %.2f px",
             contradiction.std_px,

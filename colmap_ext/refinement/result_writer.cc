@@ -7,6 +7,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "colmap_ext/host/reconstruction.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
 #include "src/util/errors.h"
@@ -108,26 +110,23 @@ Json MakeModes(const RefinerResult& result) {
           {"common_principal_point_shift_y_std_px", NumberOrNull(stds(2))}};
 }
 
-colmap::Reconstruction MakeRigModel(const std::vector<KnownCamera>& cameras) {
-  colmap::Reconstruction reconstruction;
+host::Reconstruction MakeRigModel(const std::vector<KnownCamera>& cameras) {
+  host::Reconstruction reconstruction;
   for (size_t i = 0; i < cameras.size(); ++i) {
-    const auto id = static_cast<colmap::camera_t>(i + 1);
-    colmap::Camera camera;
-    camera.SetCameraId(id);
-    camera.SetModelId(CameraModelId(*cameras[i].model));
-    camera.SetWidth(cameras[i].width);
-    camera.SetHeight(cameras[i].height);
-    camera.SetParams(cameras[i].params);
-    camera.SetPriorFocalLength(true);
-    reconstruction.AddCamera(camera);
-
-    colmap::Image image;
+    const auto id = static_cast<host::camera_t>(i + 1);
+    host::AddCameraWithTrivialRig(
+        host::MakeCamera(id,
+                         CameraModelId(*cameras[i].model),
+                         cameras[i].width,
+                         cameras[i].height,
+                         cameras[i].params),
+        &reconstruction);
+    host::Image image;
     image.SetImageId(id);
     image.SetCameraId(id);
     image.SetName(cameras[i].image_name);
-    SetCamFromWorld(cameras[i].cam_from_world, &image);
-    reconstruction.AddImage(image);
-    reconstruction.RegisterImage(id);
+    host::AddImageWithTrivialFrame(
+        image, cameras[i].cam_from_world, &reconstruction);
   }
   return reconstruction;
 }
@@ -355,7 +354,7 @@ Json MakeSummary(const OptionParser& options,
       {"schema_version", 1},
       {"tool",
        {{"version", MFIR_VERSION},
-        {"colmap_version", colmap::GetVersionInfo()},
+        {"colmap_version", host::VersionInfo()},
         {"git", MFIR_GIT_COMMIT}}},
       {"options", options.ToJson()},
       {"inputs", report.inputs},

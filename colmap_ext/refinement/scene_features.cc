@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "colmap_ext/feature/dense_feature_sources.h"
+#include "colmap_ext/host/util.h"
 #include "src/feature/cost_maps.h"
 #include "src/feature/feature_keypoints.h"
 
@@ -45,7 +46,7 @@ Scene AddDenseFeatures(const MultiFrameOptions& options,
       source.get(),
       [&](size_t frame_idx, const CostMapSummary& summary) {
         if (!summary.fallback.empty()) log(summary.fallback);
-        log(colmap::StringPrintf(
+        log(host::StringPrintf(
             "Frame '%s' (%zu / %zu): cost maps of %zu of %zu observations, "
             "features %.1f s, cost maps %.1f s (%s)",
             frame_names[frame_idx].c_str(),

@@ -5,7 +5,6 @@
 #include <functional>
 #include <string>
 
-#include "colmap_ext/host/compat.h"
 #include "src/refinement/options.h"
 #include "src/scene/scene.h"
 

@@ -7,7 +7,7 @@
 
 #include <Eigen/SVD>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_check.h"
 #include "colmap_ext/io/model_io.h"
@@ -22,19 +22,18 @@ namespace fs = std::filesystem;
 
 std::vector<KnownCamera> ReadColmapCameras(const std::string& path,
                                            double pixel_offset) {
-  colmap::Reconstruction reconstruction;
+  host::Reconstruction reconstruction;
   ReadModel(path, /*require_points=*/false, &reconstruction);
   std::vector<KnownCamera> cameras;
   for (const auto& [image_id, image] : reconstruction.Images()) {
-    const colmap::Camera& colmap_camera =
-        reconstruction.Camera(image.CameraId());
+    const host::Camera& colmap_camera = reconstruction.Camera(image.CameraId());
     KnownCamera camera;
     camera.image_name = image.Name();
-    camera.cam_from_world = CamFromWorld(image);
-    camera.model = FindCameraModel(colmap_camera.ModelId());
-    camera.width = colmap_camera.Width();
-    camera.height = colmap_camera.Height();
-    camera.params = colmap_camera.Params();
+    camera.cam_from_world = host::CamFromWorld(image);
+    camera.model = FindCameraModel(host::ModelId(colmap_camera));
+    camera.width = host::Width(colmap_camera);
+    camera.height = host::Height(colmap_camera);
+    camera.params = host::Params(colmap_camera);
     for (const size_t idx : camera.model->PrincipalPointIdxs()) {
       camera.params[idx] += pixel_offset;
     }
@@ -131,7 +130,7 @@ Rig ReadRig(const std::string& path,
   CheckCameras(path, rig.cameras);
   for (KnownCamera& camera : rig.cameras) {
     Eigen::Quaterniond& rotation = camera.cam_from_world.rotation;
-    rotation = StableQuaternion(rotation);
+    rotation = host::StableQuaternion(rotation);
   }
   return rig;
 }

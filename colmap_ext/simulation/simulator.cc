@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <numeric>
 
+#include "colmap_ext/host/bundle_adjustment.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/simulation/simulated_rig.h"
 #include "src/util/errors.h"
@@ -227,31 +228,31 @@ std::vector<Keypoint> MakeKeypoints(const SimulatorOptions& options,
 
 // The model of the images that have keypoints, with poses and points as they
 // truly are.
-colmap::Reconstruction BuildModel(
+host::Reconstruction BuildModel(
     const std::vector<RigCamera>& cameras,
     const std::vector<std::vector<double>>& params,
     const std::vector<SurfacePoint>& points,
     const std::vector<std::vector<Keypoint>>& keypoints,
     Eigen::Vector2d Keypoint::*xy) {
-  colmap::Reconstruction model;
-  std::vector<colmap::Track> tracks(points.size());
+  host::Reconstruction model;
+  std::vector<host::Track> tracks(points.size());
   for (size_t i = 0; i < cameras.size(); ++i) {
     if (keypoints[i].empty()) {
       continue;
     }
-    colmap::Camera camera;
-    camera.SetCameraId(i + 1);
-    camera.SetModelId(CameraModelId(*cameras[i].model));
-    camera.SetWidth(cameras[i].width);
-    camera.SetHeight(cameras[i].height);
-    camera.SetParams(params[i]);
-    model.AddCamera(camera);
+    const auto id = static_cast<host::image_t>(i + 1);
+    host::AddCameraWithTrivialRig(
+        host::MakeCamera(id,
+                         CameraModelId(*cameras[i].model),
+                         cameras[i].width,
+                         cameras[i].height,
+                         params[i]),
+        &model);
 
-    colmap::Image image;
-    image.SetImageId(i + 1);
-    image.SetCameraId(i + 1);
+    host::Image image;
+    image.SetImageId(id);
+    image.SetCameraId(id);
     image.SetName(cameras[i].name + ".png");
-    SetCamFromWorld(cameras[i].cam_from_world, &image);
     std::vector<Eigen::Vector2d> points2D;
     for (const Keypoint& keypoint : keypoints[i]) {
       if (keypoint.point_idx >= 0) {
@@ -260,8 +261,7 @@ colmap::Reconstruction BuildModel(
       points2D.push_back(keypoint.*xy);
     }
     image.SetPoints2D(points2D);
-    model.AddImage(image);
-    model.RegisterImage(i + 1);
+    host::AddImageWithTrivialFrame(image, cameras[i].cam_from_world, &model);
   }
   for (size_t i = 0; i < points.size(); ++i) {
     const uint8_t grey = static_cast<uint8_t>(255.0 * points[i].brightness);
@@ -273,53 +273,29 @@ colmap::Reconstruction BuildModel(
 
 // Sets the mean reprojection error of each point, as structure from motion
 // does.
-void SetPointErrors(colmap::Reconstruction* model) {
-  for (const colmap::point3D_t point3D_id : model->Point3DIds()) {
-    colmap::Point3D& point = model->Point3D(point3D_id);
+void SetPointErrors(host::Reconstruction* model) {
+  for (const host::point3D_t point3D_id : model->Point3DIds()) {
+    host::Point3D& point = model->Point3D(point3D_id);
+    const host::Track& track = host::TrackOf(point);
     double sum = 0.0;
-    for (const colmap::TrackElement& element : point.Track().Elements()) {
-      const colmap::Image& image = model->Image(element.image_id);
-      const colmap::Camera& camera = model->Camera(image.CameraId());
+    for (const host::TrackElement& element : track.Elements()) {
+      const host::Image& image = model->Image(element.image_id);
+      const host::Camera& camera = model->Camera(image.CameraId());
       const Eigen::Vector2d uv =
-          (CamFromWorld(image) * point.XYZ()).hnormalized();
-      sum += (camera.WorldToImage(uv) - image.Point2D(element.point2D_idx).XY())
-                 .norm();
+          (host::CamFromWorld(image) * host::Xyz(point)).hnormalized();
+      Eigen::Vector2d xy;
+      FindCameraModel(host::ModelId(camera))
+          ->Project(host::Params(camera).data(), uv.x(), uv.y(), xy.data());
+      sum += (xy - host::Xy(image.Point2D(element.point2D_idx))).norm();
     }
-    point.SetError(sum / point.Track().Length());
+    host::SetError(sum / track.Length(), &point);
   }
 }
 
 // Poses and points that explain the keypoints best with the wrong intrinsics.
 void AdjustPosesAndPoints(const std::string& frame_name,
-                          colmap::Reconstruction* model) {
-  colmap::BundleAdjustmentOptions options;
-  options.loss_function_type =
-      colmap::BundleAdjustmentOptions::LossFunctionType::CAUCHY;
-  options.refine_focal_length = false;
-  options.refine_principal_point = false;
-  options.refine_extra_params = false;
-  options.print_summary = false;
-  options.solver_options.function_tolerance = 1e-6;
-  options.solver_options.max_num_iterations = 50;
-  options.solver_options.logging_type = ceres::SILENT;
-  // Sums in one order only: the same bytes whatever the number of threads.
-  // Eigen's sparse solver, unlike CHOLMOD, needs no BLAS, which has threads of
-  // its own.
-  options.solver_options.num_threads = 1;
-  options.solver_options.sparse_linear_algebra_library_type =
-      ceres::EIGEN_SPARSE;
-
-  colmap::BundleAdjustmentConfig config;
-  std::vector<colmap::image_t> image_ids = model->RegImageIds();
-  for (const colmap::image_t image_id : image_ids) {
-    config.AddImage(image_id);
-  }
-  // Fixes the gauge.
-  config.SetConstantPose(image_ids[0]);
-  config.SetConstantTvec(image_ids[1], {0});
-  colmap::BundleAdjuster bundle_adjuster(options, config);
-  if (!bundle_adjuster.Solve(model) ||
-      !bundle_adjuster.Summary().IsSolutionUsable()) {
+                          host::Reconstruction* model) {
+  if (!host::AdjustPosesAndPoints(model)) {
     throw SolverError("Bundle adjustment of " + frame_name +
                       " failed. Use smaller noise or initial errors.");
   }
@@ -385,7 +361,7 @@ SimulatedFrame SimulateFrame(const SimulatorOptions& options,
       BuildModel(cameras, wrong_params, points, keypoints, &Keypoint::xy);
   AdjustPosesAndPoints(frame.name, &frame.sfm_model);
   frame.sfm_from_rig = DrawGauge(options, frame_idx);
-  TransformReconstruction(frame.sfm_from_rig, &frame.sfm_model);
+  host::TransformReconstruction(frame.sfm_from_rig, &frame.sfm_model);
   return frame;
 }
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/options/simulator_options.h"
 #include "src/scene/scene.h"
 #include "src/simulation/image_renderer.h"
@@ -22,11 +22,11 @@ struct SimulatedFrame {
   std::vector<bool> has_image;  // per camera; false: missing
   // Structure from motion: wrong intrinsics, noisy keypoints with outliers,
   // poses and points that fit them best, own gauge.
-  colmap::Reconstruction sfm_model;
+  host::Reconstruction sfm_model;
   Similarity3 sfm_from_rig;  // gauge of sfm_model
   // The same images, keypoints and tracks without any error, in rig
   // coordinates.
-  colmap::Reconstruction true_model;
+  host::Reconstruction true_model;
   size_t num_observations = 0;
   size_t num_outliers = 0;
 };

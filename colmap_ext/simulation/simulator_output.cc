@@ -6,6 +6,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "colmap_ext/host/image_file.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/simulation/simulator.h"
@@ -30,22 +31,21 @@ void CheckDiskSpace(const fs::path& path) {
 }
 
 void WriteRig(const std::vector<RigCamera>& cameras, const fs::path& path) {
-  colmap::Reconstruction model;
+  host::Reconstruction model;
   for (size_t i = 0; i < cameras.size(); ++i) {
-    colmap::Camera camera;
-    camera.SetCameraId(i + 1);
-    camera.SetModelId(CameraModelId(*cameras[i].model));
-    camera.SetWidth(cameras[i].width);
-    camera.SetHeight(cameras[i].height);
-    camera.SetParams(cameras[i].params);
-    model.AddCamera(camera);
-    colmap::Image image;
-    image.SetImageId(i + 1);
-    image.SetCameraId(i + 1);
+    const auto id = static_cast<host::image_t>(i + 1);
+    host::AddCameraWithTrivialRig(
+        host::MakeCamera(id,
+                         CameraModelId(*cameras[i].model),
+                         cameras[i].width,
+                         cameras[i].height,
+                         cameras[i].params),
+        &model);
+    host::Image image;
+    image.SetImageId(id);
+    image.SetCameraId(id);
     image.SetName(cameras[i].name + ".png");
-    SetCamFromWorld(cameras[i].cam_from_world, &image);
-    model.AddImage(image);
-    model.RegisterImage(i + 1);
+    host::AddImageWithTrivialFrame(image, cameras[i].cam_from_world, &model);
   }
   fs::create_directories(path);
   model.WriteText(path.string());
@@ -79,18 +79,16 @@ void WriteKnownCamerasAsKRT(const std::vector<RigCamera>& cameras,
 }
 
 void WriteImage(const GreyImage& image, const fs::path& path) {
-  colmap::Bitmap bitmap;
-  const bool kAsRGB = false;
-  bool ok = bitmap.Allocate(image.width, image.height, kAsRGB);
-  for (size_t y = 0; ok && y < image.height; ++y) {
+  host::Bitmap bitmap = host::MakeBitmap(static_cast<int>(image.width),
+                                         static_cast<int>(image.height),
+                                         /*as_rgb=*/false);
+  for (size_t y = 0; y < image.height; ++y) {
     for (size_t x = 0; x < image.width; ++x) {
       bitmap.SetPixel(
-          x,
-          y,
-          colmap::BitmapColor<uint8_t>(image.pixels[y * image.width + x]));
+          x, y, host::BitmapColor(image.pixels[y * image.width + x]));
     }
   }
-  if (!ok || !bitmap.Write(path.string())) {
+  if (!bitmap.Write(path.string())) {
     throw OutputError(path.string() + ": cannot write the image.");
   }
 }

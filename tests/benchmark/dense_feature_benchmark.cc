@@ -16,6 +16,7 @@
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/feature/dense_feature_sources.h"
 #include "colmap_ext/frames/frames.h"
+#include "colmap_ext/host/log.h"
 #include "colmap_ext/io/model_io.h"
 #include "src/sensor/camera_naming.h"
 
@@ -26,23 +27,23 @@ namespace {
 void AddRequests(const std::string& frames_path,
                  const std::string& frame_name,
                  std::vector<DenseFeatureRequest>* requests) {
-  colmap::Reconstruction model;
+  host::Reconstruction model;
   ReadModel(FindSparseModel(
                 (std::filesystem::path(frames_path) / frame_name).string()),
             true,
             &model);
   for (const auto& id_and_image : model.Images()) {
-    const colmap::Image& image = id_and_image.second;
-    const colmap::Camera& camera = model.Camera(image.CameraId());
+    const host::Image& image = id_and_image.second;
+    const host::Camera& camera = model.Camera(image.CameraId());
     DenseFeatureRequest request;
     request.frame_name = frame_name;
     request.camera_name = CameraNaming().Names({image.Name()})[0];
     request.image_name = image.Name();
-    request.width = static_cast<int>(camera.Width());
-    request.height = static_cast<int>(camera.Height());
-    for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+    request.width = static_cast<int>(host::Width(camera));
+    request.height = static_cast<int>(host::Height(camera));
+    for (host::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
       if (!image.Point2D(i).HasPoint3D()) continue;
-      request.keypoints.push_back(image.Point2D(i).XY());
+      request.keypoints.push_back(host::Xy(image.Point2D(i)));
       request.keypoint_ids.push_back(i);
     }
     requests->push_back(request);
@@ -104,6 +105,6 @@ void Measure(int argc, char** argv) {
 }  // namespace mfir
 
 int main(int argc, char** argv) {
-  colmap::InitializeGlog(argv);
+  mfir::host::InitializeLog(argv);
   return mfir::RunCommand([argc, argv]() { mfir::Measure(argc, argv); });
 }

@@ -8,7 +8,8 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/sqlite_file.h"
 #include "tests/support/refiner_runner.h"
 #include "tests/support/test_files.h"
@@ -110,7 +111,7 @@ TEST_F(RetriangulationTest, MoreTracksAndNoLargerErrors) {
   const nlohmann::json after = Summary("after");
   for (const size_t i : {0, 1}) {
     EXPECT_GT(NumObservations("after", i), NumObservations("before", i));
-    const colmap::Reconstruction model =
+    const host::Reconstruction model =
         Read(Path("after/frames/" + std::string(i == 0 ? kFrame0 : kFrame1)));
     EXPECT_EQ(model.ComputeNumObservations(), NumObservations("after", i));
     EXPECT_EQ(model.NumPoints3D(), after["frames"][i]["num_points"]);
@@ -153,12 +154,12 @@ TEST_F(RetriangulationTest, UnusableDatabasesLeaveTheTracks) {
   // Keypoints that are not those of the database.
   const std::string model_path =
       Path("tracks/" + std::string(kFrame1) + "/sparse/0");
-  colmap::Reconstruction model = Read(model_path);
+  host::Reconstruction model = Read(model_path);
   for (const auto& [id, point] : model.Points3D()) {
-    for (const auto& element : point.Track().Elements()) {
-      colmap::Point2D& keypoint =
+    for (const auto& element : host::TrackOf(point).Elements()) {
+      host::Point2D& keypoint =
           model.Image(element.image_id).Point2D(element.point2D_idx);
-      keypoint.SetXY(keypoint.XY() + Eigen::Vector2d(0.1, 0.0));
+      host::SetXy(host::Xy(keypoint) + Eigen::Vector2d(0.1, 0.0), &keypoint);
     }
   }
   WriteBinary(model, model_path);
@@ -225,22 +226,23 @@ TEST_F(RetriangulationTest, OptionsOfColmapReachTheTracks) {
             "[MultiFrameTriangulator]\nmax_view_angle=50\n"
             "[SiftExtraction]\nmax_num_features=10\n");
   const auto smallest_angle_deg = [this](const std::string& output) {
-    const colmap::Reconstruction model =
+    const host::Reconstruction model =
         Read(Path(output + "/frames/" + kFrame0));
     double smallest = 180.0;
     for (const auto& [id, point] : model.Points3D()) {
       double largest = 0.0;
-      const auto ray = [&](const colmap::TrackElement& element) {
-        return (model.Image(element.image_id).ProjectionCenter() - point.XYZ())
+      const auto ray = [&](const host::TrackElement& element) {
+        return (model.Image(element.image_id).ProjectionCenter() -
+                host::Xyz(point))
             .normalized();
       };
-      for (const auto& a : point.Track().Elements()) {
-        for (const auto& b : point.Track().Elements()) {
+      for (const auto& a : host::TrackOf(point).Elements()) {
+        for (const auto& b : host::TrackOf(point).Elements()) {
           largest =
               std::max(largest, std::acos(std::min(1.0, ray(a).dot(ray(b)))));
         }
       }
-      smallest = std::min(smallest, colmap::RadToDeg(largest));
+      smallest = std::min(smallest, host::RadToDeg(largest));
     }
     return smallest;
   };

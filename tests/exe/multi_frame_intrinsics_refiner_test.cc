@@ -1,6 +1,6 @@
 // The refiner from end to end: every kind of input.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/refiner_runner.h"
 
@@ -84,12 +84,12 @@ class MultiFrameRefinerTest : public RefinerReferenceTest {
 
 TEST_F(MultiFrameRefinerTest, TextAndBinaryModels) {
   for (const char* frame : kFrames) {
-    const colmap::Reconstruction model = Read(ModelPath(frame));
+    const host::Reconstruction model = Read(ModelPath(frame));
     fs::remove_all(ModelPath(frame));
     WriteText(model, ModelPath(frame));
   }
   ExpectSameResult();
-  const colmap::Reconstruction rig = Read(Path("rig"));
+  const host::Reconstruction rig = Read(Path("rig"));
   fs::remove_all(Path("rig"));
   WriteBinary(rig, Path("rig"));
   ExpectSameResult();
@@ -109,7 +109,7 @@ TEST_F(MultiFrameRefinerTest, FolderVariants) {
 
 TEST_F(MultiFrameRefinerTest, ModelWithMostRegisteredImagesWins) {
   for (const char* folder : {"sparse/1", "", "0", "sparse", "refined"}) {
-    colmap::Reconstruction part = Read(ModelPath("frame000001"));
+    host::Reconstruction part = Read(ModelPath("frame000001"));
     KeepImages(5, &part);
     WriteBinary(part, Path(std::string("frames/frame000001/") + folder));
   }
@@ -150,7 +150,7 @@ TEST_F(MultiFrameRefinerTest, PixelOffsetOfTheRigFormats) {
     ExpectRefines(options);
     return Params("out", "params_initial").at("cam03")[2];
   };
-  const double cx = Read(Path("rig")).Camera(4).Params(2);
+  const double cx = host::Params(Read(Path("rig")).Camera(4))[2];
   EXPECT_NEAR(initial_cx({}), cx, 1e-9);
   EXPECT_NEAR(initial_cx({{"extrinsics_path", Path("KRT")}}), cx, 1e-9);
   EXPECT_NEAR(
@@ -174,10 +174,10 @@ TEST_F(MultiFrameRefinerTest, CameraNames) {
         return f(std::stoi(name.substr(name.find_first_of("0123456789"))));
       };
     };
-    ChangeFrames([&](colmap::Reconstruction* model) {
+    ChangeFrames([&](host::Reconstruction* model) {
       RenameImages(new_name(in_frames), model);
     });
-    colmap::Reconstruction rig = Read(Path("rig"));
+    host::Reconstruction rig = Read(Path("rig"));
     RenameImages(new_name(in_rig), &rig);
     WriteText(rig, Path("rig"));
   };
@@ -211,8 +211,8 @@ TEST_F(MultiFrameRefinerTest, CameraNames) {
 TEST_F(MultiFrameRefinerTest, ImageNamesWithSpacesAreKept) {
   const auto new_name = [](const std::string& name) { return "my " + name; };
   ChangeFrames(
-      [&](colmap::Reconstruction* model) { RenameImages(new_name, model); });
-  colmap::Reconstruction rig = Read(Path("rig"));
+      [&](host::Reconstruction* model) { RenameImages(new_name, model); });
+  host::Reconstruction rig = Read(Path("rig"));
   RenameImages(new_name, &rig);
   fs::remove_all(Path("rig"));
   WriteBinary(rig, Path("rig"));
@@ -222,15 +222,15 @@ TEST_F(MultiFrameRefinerTest, ImageNamesWithSpacesAreKept) {
 
 TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
   // cam07 not registered in frame 0; cam06 nowhere; cam05 not in RIG.
-  ChangeFrame("frame000000", [](colmap::Reconstruction* model) {
+  ChangeFrame("frame000000", [](host::Reconstruction* model) {
     model->DeRegisterImage(8);
     model->TearDown();
   });
-  ChangeFrames([](colmap::Reconstruction* model) {
+  ChangeFrames([](host::Reconstruction* model) {
     model->DeRegisterImage(7);
     model->TearDown();
   });
-  colmap::Reconstruction rig = Read(Path("rig"));
+  host::Reconstruction rig = Read(Path("rig"));
   rig.DeRegisterImage(6);
   rig.TearDown();
   WriteText(rig, Path("rig"));
@@ -257,7 +257,7 @@ TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
 // As a wrong name of a camera looks: to be seen also where nothing is printed.
 TEST_F(MultiFrameRefinerTest, NearestNamesOfCamerasWithoutImages) {
   ChangeRig(
-      [](colmap::Reconstruction* rig) { rig->Image(6).SetName("CAM5.png"); });
+      [](host::Reconstruction* rig) { rig->Image(6).SetName("CAM5.png"); });
   const CommandResult result = Refine({{"MultiFrame.quiet", "1"}});
   EXPECT_EQ(result.exit_code, kExitSuccess);
   EXPECT_NE(result.error.find(
@@ -267,7 +267,7 @@ TEST_F(MultiFrameRefinerTest, NearestNamesOfCamerasWithoutImages) {
             std::string::npos)
       << result.error;
   // A camera of RIG without images alone is no warning.
-  ChangeFrames([](colmap::Reconstruction* model) {
+  ChangeFrames([](host::Reconstruction* model) {
     model->DeRegisterImage(6);
     model->TearDown();
   });
@@ -278,8 +278,8 @@ TEST_F(MultiFrameRefinerTest, NearestNamesOfCamerasWithoutImages) {
 // text format), must not take the later ones with it.
 TEST_F(MultiFrameRefinerTest, ImagesWithoutPoints) {
   for (const char* frame : kFrames) {
-    colmap::Reconstruction model = Read(ModelPath(frame));
-    for (colmap::point2D_t i = 0; i < model.Image(2).NumPoints2D(); ++i) {
+    host::Reconstruction model = Read(ModelPath(frame));
+    for (host::point2D_t i = 0; i < model.Image(2).NumPoints2D(); ++i) {
       if (model.Image(2).Point2D(i).HasPoint3D()) {
         model.DeleteObservation(2, i);
       }
@@ -327,19 +327,19 @@ TEST_F(MultiFrameRefinerTest, WeakFramesAreSkippedWithAReason) {
   };
   for (const char* frame : kFrames) {
     SCOPED_TRACE(frame);
-    const colmap::Reconstruction model = Read(ModelPath(frame));
-    ChangeFrame(frame, [](colmap::Reconstruction* m) { KeepImages(2, m); });
+    const host::Reconstruction model = Read(ModelPath(frame));
+    ChangeFrame(frame, [](host::Reconstruction* m) { KeepImages(2, m); });
     expect_skipped(frame, "only 2 of its images");
     WriteBinary(model, ModelPath(frame));
-    ChangeFrame(frame, [](colmap::Reconstruction* m) { RemovePoints(m); });
+    ChangeFrame(frame, [](host::Reconstruction* m) { RemovePoints(m); });
     expect_skipped(frame, "no points");
     fs::remove_all(ModelPath(frame));
     expect_skipped(frame, "no sparse model");
     WriteBinary(model, ModelPath(frame));
-    ChangeFrame(frame, [](colmap::Reconstruction* m) {
+    ChangeFrame(frame, [](host::Reconstruction* m) {
       for (int i = 1; i <= 8; ++i) {
-        m->Image(i).SetQvec(Eigen::Vector4d::Random().normalized());
-        m->Image(i).SetTvec(Eigen::Vector3d::Random());
+        const Eigen::Vector4d qvec = Eigen::Vector4d::Random().normalized();
+        SetPose(i, qvec, Eigen::Vector3d::Random(), m);
       }
     });
     expect_skipped(frame, "camera poses fit");

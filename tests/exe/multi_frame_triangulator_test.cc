@@ -5,7 +5,9 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/database.h"
+#include "colmap_ext/host/image_file.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/io/sqlite_file.h"
 #include "colmap_ext/simulation/simulator.h"
@@ -81,28 +83,30 @@ class TriangulatorTest : public testing::Test {
 TemporaryFolder* TriangulatorTest::capture_ = nullptr;
 
 size_t NumPoints(const std::string& model_path) {
-  colmap::Reconstruction model;
+  host::Reconstruction model;
   ReadModel(model_path, /*require_points=*/true, &model);
   return model.NumPoints3D();
 }
 
 TEST_F(TriangulatorTest, FramesHaveAllCamerasWithTheGivenCalibration) {
   CopyFrames();
-  colmap::Reconstruction rig;
+  host::Reconstruction rig;
   ReadModel(Input("rig"), /*require_points=*/false, &rig);
   for (const char* frame : {kFrame0, kFrame1}) {
-    colmap::Reconstruction model;
+    host::Reconstruction model;
     ReadModel(InFrame(frame, "sparse/0"), /*require_points=*/true, &model);
     EXPECT_EQ(model.NumRegImages(), kNumCameras);
     EXPECT_GT(model.NumPoints3D(), 300);
     EXPECT_GT(model.ComputeMeanTrackLength(), 2.5);
     for (const auto& [image_id, image] : rig.Images()) {
-      const colmap::Image* found = model.FindImageWithName(image.Name());
+      const host::Image* found = model.FindImageWithName(image.Name());
       ASSERT_NE(found, nullptr) << image.Name();
-      EXPECT_EQ(found->Qvec(), image.Qvec());
-      EXPECT_EQ(found->Tvec(), image.Tvec());
-      EXPECT_EQ(model.Camera(found->CameraId()).Params(),
-                rig.Camera(image.CameraId()).Params());
+      EXPECT_EQ(host::CamFromWorld(*found).rotation.coeffs(),
+                host::CamFromWorld(image).rotation.coeffs());
+      EXPECT_EQ(host::CamFromWorld(*found).translation,
+                host::CamFromWorld(image).translation);
+      EXPECT_EQ(host::Params(model.Camera(found->CameraId())),
+                host::Params(rig.Camera(image.CameraId())));
       EXPECT_EQ(model.Camera(found->CameraId()).ModelName(), "OPENCV");
     }
     const auto record = ReadJson(InFrame(frame, "triangulation.json"));
@@ -110,9 +114,9 @@ TEST_F(TriangulatorTest, FramesHaveAllCamerasWithTheGivenCalibration) {
     EXPECT_GT(record["median_tolerance_px"], 1.0);
     EXPECT_LE(record["median_tolerance_px"], 0.02 * 280);
     // COLMAP itself reads the verified matches.
-    colmap::Database database(InFrame(frame, "database.db"));
-    EXPECT_EQ(database.NumVerifiedImagePairs(), record["num_pairs"]);
-    EXPECT_EQ(database.NumInlierMatches(), record["num_inlier_matches"]);
+    const auto database = host::OpenDatabase(InFrame(frame, "database.db"));
+    EXPECT_EQ(database->NumVerifiedImagePairs(), record["num_pairs"]);
+    EXPECT_EQ(database->NumInlierMatches(), record["num_inlier_matches"]);
     EXPECT_FALSE(fs::exists(InFrame(frame, ".unfinished")));
   }
 }
@@ -162,8 +166,8 @@ TEST_F(TriangulatorTest, GivenDatabasesAreUsedAndNotChanged) {
   CopyFrames();
   // One frame with two-view geometries, one with matches only.
   {
-    colmap::Database database(InFrame(kFrame1, "database.db"));
-    database.ClearTwoViewGeometries();
+    const auto database = host::OpenDatabase(InFrame(kFrame1, "database.db"));
+    database->ClearTwoViewGeometries();
   }
   std::map<std::string, std::string> bytes;
   std::map<std::string, size_t> num_points;
@@ -307,9 +311,7 @@ TEST_F(TriangulatorTest, BadFramesDoNotStopTheOthers) {
 
 TEST_F(TriangulatorTest, MasksAndOptionsOfIniFilesReachTheExtraction) {
   CopyImages();
-  colmap::Bitmap black;
-  black.Allocate(280, 280, /*as_rgb=*/false);
-  black.Fill(colmap::BitmapColor<uint8_t>(0));
+  const host::Bitmap black = host::MakeBitmap(280, 280, /*as_rgb=*/false);
   fs::create_directories(Path("masks/frame000000"));
   ASSERT_TRUE(black.Write(Path("masks/frame000000/cam00.png.png")));
   ASSERT_TRUE(black.Write(Path("masks/cam01.png.png")));
@@ -325,37 +327,37 @@ TEST_F(TriangulatorTest, MasksAndOptionsOfIniFilesReachTheExtraction) {
                                     {"project_path", Path("project.ini")},
                                     {"SiftExtraction.max_num_features", "-"}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
-  colmap::Database database(InFrame(kFrame0, "database.db"));
-  EXPECT_EQ(database.NumKeypointsForImage(1), 0);
-  EXPECT_EQ(database.NumKeypointsForImage(2), 0);
-  EXPECT_GT(database.NumKeypointsForImage(3), 30);
-  EXPECT_LT(database.NumKeypointsForImage(3), 300);
-  colmap::Reconstruction model;
+  const auto database = host::OpenDatabase(InFrame(kFrame0, "database.db"));
+  EXPECT_EQ(database->NumKeypointsForImage(1), 0);
+  EXPECT_EQ(database->NumKeypointsForImage(2), 0);
+  EXPECT_GT(database->NumKeypointsForImage(3), 30);
+  EXPECT_LT(database->NumKeypointsForImage(3), 300);
+  host::Reconstruction model;
   ReadModel(InFrame(kFrame0, "sparse/0"), /*require_points=*/true, &model);
   EXPECT_EQ(model.NumRegImages(), kNumCameras);
   for (const auto& [id, point] : model.Points3D()) {
     double max_angle = 0.0;
-    for (const auto& a : point.Track().Elements()) {
-      for (const auto& b : point.Track().Elements()) {
+    for (const auto& a : host::TrackOf(point).Elements()) {
+      for (const auto& b : host::TrackOf(point).Elements()) {
         const Eigen::Vector3d ray1 =
-            model.Image(a.image_id).ProjectionCenter() - point.XYZ();
+            model.Image(a.image_id).ProjectionCenter() - host::Xyz(point);
         const Eigen::Vector3d ray2 =
-            model.Image(b.image_id).ProjectionCenter() - point.XYZ();
+            model.Image(b.image_id).ProjectionCenter() - host::Xyz(point);
         max_angle = std::max(
             max_angle,
             std::acos(std::min(1.0, ray1.normalized().dot(ray2.normalized()))));
       }
     }
     // Points move a little after they are created.
-    EXPECT_GT(colmap::RadToDeg(max_angle), 24.0);
+    EXPECT_GT(host::RadToDeg(max_angle), 24.0);
   }
 }
 
 TEST_F(TriangulatorTest, FocalLengthFactorReplacesTheIntrinsics) {
   CopyImages();
   // About the true focal length, in the stead of the lens model of RIG.
-  const colmap::Camera rig_camera = [&] {
-    colmap::Reconstruction rig;
+  const host::Camera rig_camera = [&] {
+    host::Reconstruction rig;
     ReadModel(Input("rig"), /*require_points=*/false, &rig);
     return rig.Camera(1);
   }();
@@ -366,7 +368,7 @@ TEST_F(TriangulatorTest, FocalLengthFactorReplacesTheIntrinsics) {
        {"ImageReader.camera_model", "SIMPLE_RADIAL"},
        {"MultiFrameTriangulator.focal_length_factor", std::to_string(factor)}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
-  colmap::Reconstruction model;
+  host::Reconstruction model;
   ReadModel(InFrame(kFrame0, "sparse/0"), /*require_points=*/true, &model);
   for (const auto& [id, camera] : model.Cameras()) {
     EXPECT_EQ(camera.ModelName(), "SIMPLE_RADIAL");
@@ -408,9 +410,8 @@ TEST_F(TriangulatorTest, BadInputsHaveTheirExitCodes) {
 
 TEST_F(TriangulatorTest, ImagesOfAnotherSizeAreAnError) {
   CopyImages();
-  colmap::Bitmap bitmap;
-  bitmap.Allocate(140, 140, /*as_rgb=*/false);
-  bitmap.Fill(colmap::BitmapColor<uint8_t>(80));
+  host::Bitmap bitmap = host::MakeBitmap(140, 140, /*as_rgb=*/false);
+  bitmap.Fill(host::BitmapColor(80));
   ASSERT_TRUE(bitmap.Write(Path("images/frame000000/cam02.png")));
   const CommandResult result =
       Run({{"output_path", Path("frames")}, {"image_path", Path("images")}});
@@ -421,9 +422,8 @@ TEST_F(TriangulatorTest, ImagesOfAnotherSizeAreAnError) {
 }
 
 TEST_F(TriangulatorTest, MasksOfAnotherSizeAreAnError) {
-  colmap::Bitmap mask;
-  mask.Allocate(14, 14, /*as_rgb=*/false);
-  mask.Fill(colmap::BitmapColor<uint8_t>(255));
+  host::Bitmap mask = host::MakeBitmap(14, 14, /*as_rgb=*/false);
+  mask.Fill(host::BitmapColor(255));
   fs::create_directories(Path("masks"));
   ASSERT_TRUE(mask.Write(Path("masks/cam02.png.png")));
   for (const auto& [option, value] : CommandOptions{

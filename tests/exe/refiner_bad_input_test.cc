@@ -3,7 +3,7 @@
 
 #include <random>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/io/camera_models.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {
@@ -41,7 +41,7 @@ class BadInputTest : public RefinerTest {
   // Makes all frames text models in FRAME/.
   void UseTextModels() const {
     for (const char* frame : {"frame000000", "frame000001", "frame000002"}) {
-      const colmap::Reconstruction model = Read(ModelPath(frame));
+      const host::Reconstruction model = Read(ModelPath(frame));
       fs::remove_all(Path(std::string("frames/") + frame));
       WriteText(model, Path(std::string("frames/") + frame));
     }
@@ -239,7 +239,7 @@ TEST_F(BadInputTest, TextModelsNameFileAndLine) {
 }
 
 TEST_F(BadInputTest, DuplicateAndUnknownCameras) {
-  ChangeFrame("frame000001", [](colmap::Reconstruction* model) {
+  ChangeFrame("frame000001", [](host::Reconstruction* model) {
     model->Image(2).SetName("a/cam02.png");
     model->Image(3).SetName("b/cam02.png");
   });
@@ -249,14 +249,21 @@ TEST_F(BadInputTest, DuplicateAndUnknownCameras) {
 }
 
 TEST_F(BadInputTest, CamerasThatDifferBetweenFramesOrFromTheRig) {
-  ChangeFrame("frame000001", [](colmap::Reconstruction* model) {
-    model->Camera(4).SetWidth(641);
+  ChangeFrame("frame000001", [](host::Reconstruction* model) {
+    model->Camera(4) = host::MakeCamera(4,
+                                        host::ModelId(model->Camera(4)),
+                                        641,
+                                        480,
+                                        host::Params(model->Camera(4)));
   });
   ExpectError(kExitBadInput, {"cam03", "frame000001", "641", "640"});
-  ChangeFrame("frame000001", [](colmap::Reconstruction* model) {
-    model->Camera(4).SetWidth(640);
-    model->Camera(4).SetModelIdFromName("SIMPLE_PINHOLE");
-    model->Camera(4).SetParams({1700, 320, 240});
+  ChangeFrame("frame000001", [](host::Reconstruction* model) {
+    model->Camera(4) =
+        host::MakeCamera(4,
+                         CameraModelId(*FindCameraModel("SIMPLE_PINHOLE")),
+                         640,
+                         480,
+                         {1700, 320, 240});
   });
   ExpectError(kExitBadInput,
               {"cam03", "frame000001", "SIMPLE_PINHOLE", "camera_model"});
@@ -267,8 +274,8 @@ TEST_F(BadInputTest, CamerasThatDifferBetweenFramesOrFromTheRig) {
 // Not "a number", but no coordinate either: never a silent result.
 TEST_F(BadInputTest, AbsurdMagnitudes) {
   for (const double value : {1e20, 1e200, 1e300}) {
-    ChangeRig([&](colmap::Reconstruction* rig) {
-      rig->Image(1).SetTvec(Eigen::Vector3d(value, 0, 0));
+    ChangeRig([&](host::Reconstruction* rig) {
+      SetTranslation(1, Eigen::Vector3d(value, 0, 0), rig);
     });
     const CommandResult result = Refine();
     EXPECT_EQ(result.exit_code, kExitBadInput) << value << result.error;
@@ -278,8 +285,8 @@ TEST_F(BadInputTest, AbsurdMagnitudes) {
 
 // The range of coordinates holds for points and KRT files as well.
 TEST_F(BadInputTest, AbsurdPointsAndKRTTranslations) {
-  ChangeFrame("frame000001", [](colmap::Reconstruction* model) {
-    model->Point3D(1).SetXYZ(Eigen::Vector3d(0, 1e200, 0));
+  ChangeFrame("frame000001", [](host::Reconstruction* model) {
+    host::Xyz(&model->Point3D(1)) = Eigen::Vector3d(0, 1e200, 0);
   });
   ExpectError(kExitBadInput, {"point 1", "1e+200", "1e15"});
   WriteFile(Path("far.krt"),
@@ -294,11 +301,11 @@ TEST_F(BadInputTest, AbsurdKeypointDoesNotSpoilTheResult) {
   ExpectRefines();
   const CameraParams expected = Params();
   for (const double value : {1e10, 1e30, -1e30, 1e300}) {
-    ChangeFrame("frame000001", [&](colmap::Reconstruction* model) {
-      colmap::Image& image = model->Image(1);
-      for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+    ChangeFrame("frame000001", [&](host::Reconstruction* model) {
+      host::Image& image = model->Image(1);
+      for (host::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
         if (image.Point2D(i).HasPoint3D()) {
-          image.Point2D(i).SetXY(Eigen::Vector2d(value, 100));
+          host::SetXy(Eigen::Vector2d(value, 100), &image.Point2D(i));
           break;
         }
       }
@@ -315,26 +322,24 @@ TEST_F(BadInputTest, AbsurdKeypointDoesNotSpoilTheResult) {
 TEST_F(BadInputTest, OnePointOrCameraFarOffIsAnOutlier) {
   ExpectRefines();
   const CameraParams expected = Params();
-  ChangeFrame("frame000001", [](colmap::Reconstruction* model) {
-    model->Point3D(1).SetXYZ(Eigen::Vector3d(1e6, 0, 0));
-    model->Image(3).SetTvec(Eigen::Vector3d(1e6, 0, 0));
-    model->Camera(5).SetParams({1e5, 1e5, -1e4, 1e4});
+  ChangeFrame("frame000001", [](host::Reconstruction* model) {
+    host::Xyz(&model->Point3D(1)) = Eigen::Vector3d(1e6, 0, 0);
+    SetTranslation(3, Eigen::Vector3d(1e6, 0, 0), model);
+    host::SetParams({1e5, 1e5, -1e4, 1e4}, &model->Camera(5));
   });
   ExpectRefines();
   EXPECT_LT(MaxRelativeDifference(expected, Params()), 1e-5);
 }
 TEST_F(BadInputTest, RigWithTooFewOrCoincidentCameras) {
   for (const size_t num_cameras : {2, 1, 0}) {
-    ChangeRig(
-        [&](colmap::Reconstruction* rig) { KeepImages(num_cameras, rig); });
+    ChangeRig([&](host::Reconstruction* rig) { KeepImages(num_cameras, rig); });
     ExpectError(kExitBadInput, {num_cameras == 0 ? "no camera" : "3 are"});
   }
   fs::remove_all(Path("rig"));
   fs::copy(Path("ground_truth"), Path("rig"));
-  ChangeRig([](colmap::Reconstruction* rig) {
+  ChangeRig([](host::Reconstruction* rig) {
     for (const auto& [id, image] : rig->Images()) {
-      rig->Image(id).SetQvec(Eigen::Vector4d(1, 0, 0, 0));
-      rig->Image(id).SetTvec(Eigen::Vector3d::Zero());
+      host::SetCamFromWorld(Rigid3(), &rig->Image(id));
     }
   });
   ExpectError(kExitBadInput, {"known extrinsics"});

@@ -1,7 +1,7 @@
 // A camera whose pose in RIG is wrong: its intrinsics take the rotation up, and
 // nothing but a comparison with the other cameras can tell.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {
@@ -10,16 +10,16 @@ namespace {
 class BumpedCameraTest : public RefinerTest {
  protected:
   // Turns a camera in RIG about its centre.
-  void Bump(colmap::image_t image_id, double degrees) const {
-    ChangeRig([&](colmap::Reconstruction* rig) {
-      colmap::Image& image = rig->Image(image_id);
-      Rigid3 pose = CamFromWorld(image);
+  void Bump(host::image_t image_id, double degrees) const {
+    ChangeRig([&](host::Reconstruction* rig) {
+      host::Image& image = rig->Image(image_id);
+      Rigid3 pose = host::CamFromWorld(image);
       const Eigen::Vector3d center = pose.Center();
       pose.rotation = Eigen::AngleAxisd(degrees * M_PI / 180.0,
                                         Eigen::Vector3d(0.8, -0.6, 0.0)) *
                       pose.rotation;
       pose.translation = -(pose.rotation * center);
-      SetCamFromWorld(pose, &image);
+      host::SetCamFromWorld(pose, &image);
     });
   }
 

@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/camera_models.h"
 #include "tests/support/refiner_runner.h"
 
@@ -32,13 +32,13 @@ class InvarianceTest : public RefinerTest {
 TEST_F(InvarianceTest, UnitOfTheWorld) {
   ExpectRefines();
   const CameraParams expected = Params();
-  const auto to_millimetres = [](colmap::Reconstruction* model) {
+  const auto to_millimetres = [](host::Reconstruction* model) {
     Similarity3 scaled;
     scaled.scale = 1000.0;
-    TransformReconstruction(scaled, model);
+    host::TransformReconstruction(scaled, model);
   };
   ChangeFrames(to_millimetres);
-  colmap::Reconstruction rig = Read(Path("rig"));
+  host::Reconstruction rig = Read(Path("rig"));
   to_millimetres(&rig);
   WriteText(rig, Path("rig"));
   ExpectRefines();
@@ -50,11 +50,12 @@ TEST_F(InvarianceTest, UnitOfTheWorld) {
 TEST_F(InvarianceTest, LastDigitsOfKeypoints) {
   ExpectRefines();
   const CameraParams expected = Params();
-  ChangeFrames([](colmap::Reconstruction* model) {
+  ChangeFrames([](host::Reconstruction* model) {
     for (const auto& id_and_image : model->Images()) {
-      colmap::Image& image = model->Image(id_and_image.first);
-      for (colmap::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
-        image.Point2D(i).SetXY(image.Point2D(i).XY() * (1.0 + 1e-14));
+      host::Image& image = model->Image(id_and_image.first);
+      for (host::point2D_t i = 0; i < image.NumPoints2D(); ++i) {
+        host::SetXy(host::Xy(image.Point2D(i)) * (1.0 + 1e-14),
+                    &image.Point2D(i));
       }
     }
   });
@@ -66,12 +67,12 @@ TEST_F(InvarianceTest, LastDigitsOfKeypoints) {
 TEST_F(InvarianceTest, CoordinatesOfTheRig) {
   ExpectRefines();
   const CameraParams expected = Params();
-  colmap::Reconstruction rig = Read(Path("rig"));
+  host::Reconstruction rig = Read(Path("rig"));
   Similarity3 moved;
   moved.scale = 1000.0;
   moved.rotation = Eigen::Quaterniond(0.2, -0.5, 0.7, 0.4).normalized();
   moved.translation = Eigen::Vector3d(5000, -200, 80);
-  TransformReconstruction(moved, &rig);
+  host::TransformReconstruction(moved, &rig);
   WriteText(rig, Path("rig"));
   ExpectRefines();
   EXPECT_LT(MaxRelativeDifference(expected, Params()), kMaxDifference);
@@ -82,7 +83,7 @@ TEST_F(InvarianceTest, GaugesOfTheFrames) {
   const CameraParams expected = Params();
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
-  ChangeFrames([&](colmap::Reconstruction* model) {
+  ChangeFrames([&](host::Reconstruction* model) {
     Similarity3 gauge;
     gauge.scale = std::exp(5.0 * normal(random));
     gauge.rotation =
@@ -90,7 +91,7 @@ TEST_F(InvarianceTest, GaugesOfTheFrames) {
             .normalized();
     gauge.translation =
         100.0 * Eigen::Vector3d(normal(random), normal(random), normal(random));
-    TransformReconstruction(gauge, model);
+    host::TransformReconstruction(gauge, model);
   });
   ExpectRefines();
   EXPECT_LT(MaxRelativeDifference(expected, Params()), kMaxDifference);
@@ -109,48 +110,58 @@ TEST_F(InvarianceTest, NumberOfThreads) {
 TEST_F(InvarianceTest, OrderOfIds) {
   ExpectRefines();
   const CameraParams expected = Params();
-  ChangeFrames([](colmap::Reconstruction* model) {
-    colmap::Reconstruction reversed;
+  ChangeFrames([](host::Reconstruction* model) {
+    host::Reconstruction reversed;
     const auto new_id = [](uint32_t id) { return 1000 - id; };
     for (const auto& [id, camera] : model->Cameras()) {
-      colmap::Camera new_camera = camera;
-      new_camera.SetCameraId(id * 7);
-      reversed.AddCamera(new_camera);
+      host::AddCameraWithTrivialRig(host::MakeCamera(id * 7,
+                                                     host::ModelId(camera),
+                                                     host::Width(camera),
+                                                     host::Height(camera),
+                                                     host::Params(camera)),
+                                    &reversed);
     }
     for (const auto& [id, image] : model->Images()) {
-      colmap::Image new_image;
+      host::Image new_image;
       new_image.SetImageId(new_id(id));
       new_image.SetCameraId(image.CameraId() * 7);
       new_image.SetName(image.Name());
-      new_image.SetQvec(image.Qvec());
-      new_image.SetTvec(image.Tvec());
       std::vector<Eigen::Vector2d> points;
-      for (const auto& point : image.Points2D()) points.push_back(point.XY());
+      for (const auto& point : image.Points2D())
+        points.push_back(host::Xy(point));
       new_image.SetPoints2D(points);
-      reversed.AddImage(new_image);
-      reversed.RegisterImage(new_id(id));
+      host::AddImageWithTrivialFrame(
+          new_image, host::CamFromWorld(image), &reversed);
     }
-    std::vector<colmap::point3D_t> ids;
-    for (const colmap::point3D_t id : model->Point3DIds()) ids.push_back(id);
+    std::vector<host::point3D_t> ids;
+    for (const host::point3D_t id : model->Point3DIds()) ids.push_back(id);
     std::sort(ids.rbegin(), ids.rend());
-    for (const colmap::point3D_t id : ids) {
-      colmap::Track track;
-      auto elements = model->Point3D(id).Track().Elements();
+    for (const host::point3D_t id : ids) {
+      host::Track track;
+      auto elements = host::TrackOf(model->Point3D(id)).Elements();
       std::reverse(elements.begin(), elements.end());
       for (const auto& element : elements) {
         track.AddElement(new_id(element.image_id), element.point2D_idx);
       }
-      reversed.AddPoint3D(model->Point3D(id).XYZ(), track);
+      reversed.AddPoint3D(host::Xyz(model->Point3D(id)), track);
     }
     *model = reversed;
   });
-  colmap::Reconstruction rig = Read(Path("rig"));
-  for (int i = 1; i <= 8; ++i) {
-    const colmap::Image image = rig.Image(9 - i);
-    (i < 5 ? std::swap(rig.Image(i), rig.Image(9 - i)) : void());
-  }
-  for (int i = 1; i <= 8; ++i) rig.Image(i).SetImageId(i);
-  WriteText(rig, Path("rig"));
+  ChangeRig([](host::Reconstruction* rig) {
+    host::Reconstruction reversed;
+    for (const auto& [id, camera] : rig->Cameras()) {
+      host::AddCameraWithTrivialRig(camera, &reversed);
+    }
+    for (const auto& [id, image] : rig->Images()) {
+      host::Image new_image;
+      new_image.SetImageId(9 - id);
+      new_image.SetCameraId(image.CameraId());
+      new_image.SetName(image.Name());
+      host::AddImageWithTrivialFrame(
+          new_image, host::CamFromWorld(image), &reversed);
+    }
+    *rig = reversed;
+  });
   ExpectRefines();
   EXPECT_LT(MaxRelativeDifference(expected, Params()), 1e-9);
 }
@@ -174,14 +185,13 @@ TEST_F(InvarianceTest, WrongPoses) {
   for (int f = 0; f < 3; ++f) {
     const std::string path =
         Path("wrong/frames/frame00000" + std::to_string(f) + "/sparse/0");
-    colmap::Reconstruction model = Read(path);
+    host::Reconstruction model = Read(path);
     for (const int i : {1 + 3 * f, 2 + 3 * f}) {
       Eigen::Vector4d qvec;
       Eigen::Vector3d tvec;
       for (int k = 0; k < 4; ++k) qvec(k) = normal(random);
       for (int k = 0; k < 3; ++k) tvec(k) = normal(random);
-      model.Image(i).SetQvec(qvec.normalized());
-      model.Image(i).SetTvec(tvec);
+      SetPose(i, qvec.normalized(), tvec, &model);
     }
     WriteBinary(model, path);
   }

@@ -1,6 +1,6 @@
 // Every option of the refiner reaches what it is for.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {
@@ -175,11 +175,11 @@ TEST_F(RefinerOptionsTest, HeldParametersKeepTheirValues) {
 
 TEST_F(RefinerOptionsTest, PriorIntrinsicsAreTheStart) {
   ExpectRefines({{"MultiFrame.use_prior_intrinsics", "1"}});
-  const colmap::Reconstruction rig = Read(Path("rig"));
+  const host::Reconstruction rig = Read(Path("rig"));
   const CameraParams initial = Params("out", "params_initial");
   for (const auto& [id, image] : rig.Images()) {
     EXPECT_EQ(initial.at(image.Name().substr(0, 5)),
-              rig.Camera(image.CameraId()).Params());
+              host::Params(rig.Camera(image.CameraId())));
   }
   // RIG of another model.
   const CommandResult result = Refine({{"MultiFrame.use_prior_intrinsics", "1"},
@@ -224,13 +224,14 @@ TEST_F(RefinerOptionsTest, SingleFrameMode) {
     // The noise that is reported is that of the keypoints (0.5 px).
     EXPECT_LT(Summary()["result"]["noise_std_px"], 1.0);
     const CameraParams joint = Params();
-    std::vector<colmap::Reconstruction> frames = {
+    std::vector<host::Reconstruction> frames = {
         Read(Path("out/frames/frame000000")),
         Read(Path("out/frames/frame000001"))};
-    EXPECT_NE(frames[0].Camera(1).Params(), frames[1].Camera(1).Params());
+    EXPECT_NE(host::Params(frames[0].Camera(1)),
+              host::Params(frames[1].Camera(1)));
     for (int i = 1; i <= 5; ++i) {
-      const double a = frames[0].Camera(i).Params(0);
-      const double b = frames[1].Camera(i).Params(0);
+      const double a = host::Params(frames[0].Camera(i))[0];
+      const double b = host::Params(frames[1].Camera(i))[0];
       EXPECT_NEAR(
           joint.at("cam0" + std::to_string(i - 1))[0], 0.5 * (a + b), 1e-9 * a);
     }
@@ -240,7 +241,7 @@ TEST_F(RefinerOptionsTest, SingleFrameMode) {
   ExpectRefines({{"MultiFrame.focal_variance_weight", "0"},
                  {"MultiFrame.principal_point_variance_weight", "0"}});
   const std::vector<double> in_both =
-      Read(Path("out/frames/frame000001")).Camera(2).Params();
+      host::Params(Read(Path("out/frames/frame000001")).Camera(2));
   ExpectRefines({{"frame_list_path", Path("list")}});
   EXPECT_NEAR(Params().at("cam01")[0], in_both[0], 1e-6 * in_both[0]);
 }
@@ -289,8 +290,9 @@ TEST_F(RefinerOptionsTest, NotProgressiveIsOneSoftSolve) {
                           }),
             1);
   // The extrinsics that are written are the known ones all the same.
-  EXPECT_EQ(Read(Path("out/rig")).Image(2).Qvec(),
-            Read(Path("rig")).Image(2).Qvec());
+  EXPECT_EQ(
+      host::CamFromWorld(Read(Path("out/rig")).Image(2)).rotation.coeffs(),
+      host::CamFromWorld(Read(Path("rig")).Image(2)).rotation.coeffs());
 }
 
 }  // namespace

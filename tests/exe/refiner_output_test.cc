@@ -1,6 +1,6 @@
 // What the refiner writes.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/refiner_runner.h"
 
@@ -168,31 +168,32 @@ TEST_F(RefinerOutputTest, ForeignSectionsOfAProjectFileAreSkipped) {
 // quaternions leaves the known ones as they are; where it changes their last
 // bits at each reading, the result has a neighbour that it does not change.
 TEST_F(RefinerOutputTest, ExtrinsicsAreBitIdentical) {
-  colmap::Reconstruction rig = Read(Path("rig"));
+  host::Reconstruction rig = Read(Path("rig"));
   for (int i = 0; i < 6; ++i) {
     Similarity3 rotated;
     rotated.rotation =
         Eigen::Quaterniond(0.3 + i, -0.5, 0.7 * i, 0.4).normalized();
-    TransformReconstruction(rotated, &rig);
+    host::TransformReconstruction(rotated, &rig);
     fs::remove_all(Path("rig"));
     i % 2 == 0 ? WriteText(rig, Path("rig")) : WriteBinary(rig, Path("rig"));
-    const colmap::Reconstruction known = Read(Path("rig"));
+    const host::Reconstruction known = Read(Path("rig"));
     ExpectRefines();
     for (const std::string name :
          {"rig", "frames/frame000000", "frames/frame000002"}) {
-      const colmap::Reconstruction result = Read(Path("out/" + name));
+      const host::Reconstruction result = Read(Path("out/" + name));
       ASSERT_EQ(result.NumRegImages(), 8);
-      for (const colmap::image_t id : result.RegImageIds()) {
-        const colmap::Image* image =
+      for (const host::image_t id : result.RegImageIds()) {
+        const host::Image* image =
             known.FindImageWithName(result.Image(id).Name());
         ASSERT_NE(image, nullptr);
-        const Eigen::Vector4d& qvec = result.Image(id).Qvec();
-        EXPECT_EQ(colmap::NormalizeQuaternion(qvec), qvec);
-        if (colmap::NormalizeQuaternion(image->Qvec()) == image->Qvec()) {
-          EXPECT_EQ(qvec, image->Qvec());
-        }
-        EXPECT_LT((qvec - image->Qvec()).norm(), 4.5e-16);
-        EXPECT_EQ(result.Image(id).Tvec(), image->Tvec());
+        const Rigid3 pose = host::CamFromWorld(result.Image(id));
+        const Rigid3 known_pose = host::CamFromWorld(*image);
+        const auto& q = pose.rotation.coeffs();
+        const auto& known_q = known_pose.rotation.coeffs();
+        EXPECT_EQ(host::StableQuaternion(pose.rotation).coeffs(), q);
+        EXPECT_EQ(host::StableQuaternion(known_pose.rotation).coeffs(), q);
+        EXPECT_LT((q - known_q).norm(), 4.5e-16);
+        EXPECT_EQ(pose.translation, known_pose.translation);
       }
     }
   }
@@ -213,23 +214,24 @@ TEST_F(RefinerOutputTest, KRTKeepsTheMatricesOfKRT) {
 
 TEST_F(RefinerOutputTest, FramesCarryTheGlobalIntrinsics) {
   for (const char* frame : kFrames) {
-    const colmap::Reconstruction result =
+    const host::Reconstruction result =
         Read(Path(std::string("reference/frames/") + frame));
-    const colmap::Reconstruction input = Read(ModelPath(frame));
+    const host::Reconstruction input = Read(ModelPath(frame));
     EXPECT_EQ(result.NumPoints3D(), input.NumPoints3D());
     EXPECT_EQ(result.ComputeNumObservations(), input.ComputeNumObservations());
     for (const auto& [id, image] : result.Images()) {
-      EXPECT_EQ(result.Camera(image.CameraId()).Params(),
+      EXPECT_EQ(host::Params(result.Camera(image.CameraId())),
                 reference_.at(image.Name().substr(0, 5)));
     }
     // In the rig's coordinates: near the truth.
-    const colmap::Reconstruction truth =
+    const host::Reconstruction truth =
         Read(Path(std::string("ground_truth_frames/") + frame));
     std::vector<double> errors;
     for (const auto& [id, point] : result.Points3D()) {
-      errors.push_back((point.XYZ() - truth.Point3D(id).XYZ()).norm());
+      errors.push_back(
+          (host::Xyz(point) - host::Xyz(truth.Point3D(id))).norm());
     }
-    EXPECT_LT(colmap::Median(errors), 0.01);
+    EXPECT_LT(host::Median(errors), 0.01);
   }
 }
 

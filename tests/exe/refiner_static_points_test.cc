@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {
@@ -81,8 +81,8 @@ TEST_F(RefinerStaticPointsTest, AllTracksAreInTheResult) {
     RefineAs(treatment);
     const std::string frames = treatment + std::string("/frames/");
     for (const char* frame : {kFrame0, kFrame1, kCopy}) {
-      const colmap::Reconstruction before = Read(ModelPath(frame));
-      const colmap::Reconstruction after = Read(Path(frames + frame));
+      const host::Reconstruction before = Read(ModelPath(frame));
+      const host::Reconstruction after = Read(Path(frames + frame));
       EXPECT_EQ(after.NumPoints3D(), before.NumPoints3D());
       EXPECT_EQ(after.ComputeNumObservations(),
                 before.ComputeNumObservations());
@@ -92,10 +92,10 @@ TEST_F(RefinerStaticPointsTest, AllTracksAreInTheResult) {
     }
     // Held-out tracks of the two frames differ.
     if (treatment == std::string("keep")) continue;
-    const colmap::Reconstruction frame = Read(Path(frames + kFrame0));
-    const colmap::Reconstruction copy = Read(Path(frames + kCopy));
+    const host::Reconstruction frame = Read(Path(frames + kFrame0));
+    const host::Reconstruction copy = Read(Path(frames + kCopy));
     for (const auto& [id, point] : frame.Points3D()) {
-      EXPECT_LT((copy.Point3D(id).XYZ() - point.XYZ()).norm(), 1e-6);
+      EXPECT_LT((host::Xyz(copy.Point3D(id)) - host::Xyz(point)).norm(), 1e-6);
     }
   }
 }
@@ -157,7 +157,7 @@ TEST_F(RefinerStaticPointsTest, DropWithNothingLeft) {
 
 // The frame that moves has one image less.
 TEST_F(RefinerStaticPointsTest, CameraThatSeesStaticPointsOnly) {
-  ChangeFrame(kFrame1, [](colmap::Reconstruction* model) {
+  ChangeFrame(kFrame1, [](host::Reconstruction* model) {
     KeepImages(model->NumRegImages() - 1, model);
   });
   const CommandResult result = Refine({{"MultiFrame.static_points", "drop"}});

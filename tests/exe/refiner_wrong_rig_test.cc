@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/geometry/pose_conventions.h"
 #include "tests/support/pose_files.h"
@@ -18,17 +18,17 @@ using WrongRigTest = RefinerTest;
 TEST_F(WrongRigTest, RigOfAnotherArray) {
   std::mt19937 random(2);
   std::normal_distribution<double> normal;
-  ChangeRig([&](colmap::Reconstruction* rig) {
+  ChangeRig([&](host::Reconstruction* rig) {
     for (const auto& [id, image] : rig->Images()) {
       const Eigen::Vector4d qvec(
           normal(random), normal(random), normal(random), normal(random));
-      rig->Image(id).SetQvec(qvec.normalized());
-      rig->Image(id).SetTvec(
-          Eigen::Vector3d(normal(random), normal(random), normal(random)));
+      const Eigen::Vector3d translation(
+          normal(random), normal(random), normal(random));
+      SetPose(id, qvec.normalized(), translation, rig);
     }
   });
   ExpectError(kExitBadInput, {"known extrinsics", "RIG of this array"});
-  ChangeRig([&](colmap::Reconstruction* rig) {
+  ChangeRig([&](host::Reconstruction* rig) {
     RenameImages([](const std::string& name) { return "other_" + name; }, rig);
   });
   ExpectError(kExitBadInput,
@@ -47,12 +47,9 @@ TEST_F(WrongRigTest, RigInAnotherConvention) {
       poses[camera.image_name] = camera.cam_from_world;
     }
     WriteKRT(Path("other.krt"), cameras);
-    ChangeRig([&](colmap::Reconstruction* model) {
+    ChangeRig([&](host::Reconstruction* model) {
       for (const auto& [id, image] : model->Images()) {
-        const Rigid3& pose = poses.at(image.Name());
-        const Eigen::Quaterniond& q = pose.rotation;
-        model->Image(id).SetQvec({q.w(), q.x(), q.y(), q.z()});
-        model->Image(id).SetTvec(pose.translation);
+        host::SetCamFromWorld(poses.at(image.Name()), &model->Image(id));
       }
     });
     for (const std::string& path : {Path("rig"), Path("other.krt")}) {
@@ -92,7 +89,7 @@ TEST_F(WrongRigTest, MirroredRigOfANearlyPlanarArray) {
 // The right poses under wrong names: whatever aligns, it is not the rig of this
 // array, and must not be reported as a success.
 TEST_F(WrongRigTest, RigWithExchangedNames) {
-  ChangeRig([](colmap::Reconstruction* rig) {
+  ChangeRig([](host::Reconstruction* rig) {
     rig->Image(1).SetName("x");
     for (int i = 2; i <= 8; ++i) {
       rig->Image(i).SetName("cam0" + std::to_string(i - 2) + ".png");
@@ -125,7 +122,7 @@ TEST_F(WrongRigTest, CamerasThatContradictTheRigAreFlagged) {
     fs::remove_all(Path("out"));
   };
   expect_flags({});
-  ChangeRig([](colmap::Reconstruction* rig) {
+  ChangeRig([](host::Reconstruction* rig) {
     const std::string name = rig->Image(2).Name();
     rig->Image(2).SetName(rig->Image(6).Name());
     rig->Image(6).SetName(name);
@@ -133,8 +130,8 @@ TEST_F(WrongRigTest, CamerasThatContradictTheRigAreFlagged) {
   expect_flags({"cam01", "cam05"});
   fs::remove_all(Path("rig"));
   fs::copy(*original_ / "capture/rig", Path("rig"));
-  ChangeRig([](colmap::Reconstruction* rig) {
-    rig->Image(4).SetTvec(Eigen::Vector3d(1e6, 0, 0));
+  ChangeRig([](host::Reconstruction* rig) {
+    SetTranslation(4, Eigen::Vector3d(1e6, 0, 0), rig);
   });
   expect_flags({"cam03"});
 }
@@ -144,7 +141,7 @@ TEST_F(WrongRigTest, CamerasThatContradictTheRigAreFlagged) {
 TEST_F(WrongRigTest, WrongCamerasThatSpoilAllOthersAreAnError) {
   ExpectRefines();
   const std::string good_summary = ReadFile(Path("out/summary.json"));
-  ChangeRig([](colmap::Reconstruction* rig) {
+  ChangeRig([](host::Reconstruction* rig) {
     const std::string name = rig->Image(2).Name();
     rig->Image(2).SetName(rig->Image(6).Name());
     rig->Image(6).SetName(name);
@@ -160,7 +157,7 @@ TEST_F(WrongRigTest, WrongCamerasThatSpoilAllOthersAreAnError) {
   EXPECT_EQ(Summary("out/not_converged")["result"]["status"],
             "contradicting_extrinsics");
   // Without them in RIG all is well.
-  ChangeRig([](colmap::Reconstruction* rig) {
+  ChangeRig([](host::Reconstruction* rig) {
     rig->Image(2).SetName("none1");
     rig->Image(6).SetName("none2");
   });

@@ -1,5 +1,5 @@
 // COLMAP specializes std::vector for some Eigen types: before any use of them.
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 
 #include "src/feature/cost_maps.h"
 

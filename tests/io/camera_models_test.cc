@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/camera.h"
 #include "tests/support/test_scenes.h"
 
 namespace mfir {
@@ -37,26 +37,25 @@ TEST_P(CameraModelTest, IdentifiersAndIndicesAreColmaps) {
   const int id = CameraModelId(model_);
   EXPECT_EQ(FindCameraModel(id), &model_);
   EXPECT_EQ(FindCameraModel(model_.Name()), &model_);
-  EXPECT_EQ(colmap::CameraModelIdToName(id), model_.Name());
-  EXPECT_EQ(model_.NumParams(), colmap::CameraModelNumParams(id));
-  EXPECT_EQ(model_.FocalLengthIdxs(), colmap::CameraModelFocalLengthIdxs(id));
+  const host::Camera camera = host::MakeCamera(1, id, 800, 600, params_);
+  EXPECT_EQ(camera.ModelName(), model_.Name());
+  EXPECT_TRUE(camera.VerifyParams());
+  const auto as_vector = [](const auto& idxs) {
+    return std::vector<size_t>(idxs.begin(), idxs.end());
+  };
+  EXPECT_EQ(model_.FocalLengthIdxs(), as_vector(camera.FocalLengthIdxs()));
   EXPECT_EQ(model_.PrincipalPointIdxs(),
-            colmap::CameraModelPrincipalPointIdxs(id));
-  EXPECT_EQ(model_.ExtraParamsIdxs(), colmap::CameraModelExtraParamsIdxs(id));
+            as_vector(camera.PrincipalPointIdxs()));
+  EXPECT_EQ(model_.ExtraParamsIdxs(), as_vector(camera.ExtraParamsIdxs()));
 }
 
-TEST_P(CameraModelTest, ProjectEqualsWorldToImage) {
+TEST_P(CameraModelTest, ProjectEqualsImgFromCam) {
+  const host::Camera camera =
+      host::MakeCamera(1, CameraModelId(model_), 800, 600, params_);
   for (const Eigen::Vector2d& uv : Rays()) {
     Eigen::Vector2d xy;
-    Eigen::Vector2d colmap_xy;
     model_.Project(params_.data(), uv.x(), uv.y(), xy.data());
-    colmap::CameraModelWorldToImage(CameraModelId(model_),
-                                    params_,
-                                    uv.x(),
-                                    uv.y(),
-                                    &colmap_xy.x(),
-                                    &colmap_xy.y());
-    EXPECT_EQ(xy, colmap_xy) << uv.transpose();
+    EXPECT_EQ(xy, host::ImgFromCam(camera, uv.homogeneous())) << uv.transpose();
   }
 }
 

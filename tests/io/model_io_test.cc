@@ -4,7 +4,7 @@
 #include <limits>
 #include <random>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/model_check.h"
 #include "tests/support/test_data.h"
 #include "tests/support/test_files.h"
@@ -40,9 +40,9 @@ void WriteTextModel(const std::string& folder,
   WriteFile(folder + "/points3D.txt", points3D);
 }
 
-colmap::Reconstruction Read(const std::string& folder,
-                            bool require_points = true) {
-  colmap::Reconstruction reconstruction;
+host::Reconstruction Read(const std::string& folder,
+                          bool require_points = true) {
+  host::Reconstruction reconstruction;
   ReadModel(folder, require_points, &reconstruction);
   return reconstruction;
 }
@@ -54,21 +54,22 @@ void WriteBinaryModel(const std::string& folder) {
   Read(text.Path()).WriteBinary(folder);
 }
 
-void ExpectIsTestModel(const colmap::Reconstruction& model) {
+void ExpectIsTestModel(const host::Reconstruction& model) {
   EXPECT_EQ(model.NumCameras(), 2);
   EXPECT_EQ(
-      model.Camera(7).Params(),
+      host::Params(model.Camera(7)),
       std::vector<double>({1000, 1001, 960, 540, 0.1, -0.2, 0.001, 0.002}));
   EXPECT_EQ(model.NumImages(), 3);
   EXPECT_EQ(model.NumRegImages(), 3);
   EXPECT_EQ(model.Image(1).Name(), "cam1.png");
   EXPECT_EQ(model.Image(1).NumPoints2D(), 3);
   EXPECT_EQ(model.Image(2).NumPoints2D(), 0);
-  EXPECT_EQ(model.Image(9).Point2D(1).Point3DId(), 4);
-  EXPECT_EQ(CamFromWorld(model.Image(9)).translation, Eigen::Vector3d(4, 5, 6));
+  EXPECT_EQ(host::Point3DId(model.Image(9).Point2D(1)), 4);
+  EXPECT_EQ(host::CamFromWorld(model.Image(9)).translation,
+            Eigen::Vector3d(4, 5, 6));
   EXPECT_EQ(model.NumPoints3D(), 2);
-  EXPECT_EQ(model.Point3D(3).XYZ(), Eigen::Vector3d(0.1, 0.2, 5));
-  EXPECT_EQ(model.Point3D(4).Track().Length(), 2);
+  EXPECT_EQ(host::Xyz(model.Point3D(3)), Eigen::Vector3d(0.1, 0.2, 5));
+  EXPECT_EQ(host::TrackOf(model.Point3D(4)).Length(), 2);
 }
 
 TEST(ReadModel, TextAndBinary) {
@@ -78,7 +79,7 @@ TEST(ReadModel, TextAndBinary) {
   WriteBinaryModel(folder / "binary");
   ExpectIsTestModel(Read(folder / "binary"));
   // Replaces what was there before.
-  colmap::Reconstruction twice = Read(folder / "binary");
+  host::Reconstruction twice = Read(folder / "binary");
   ReadModel(folder / "binary", true, &twice);
   ExpectIsTestModel(twice);
 }
@@ -89,13 +90,13 @@ TEST(ReadModel, TextIsReadBitForBit) {
                  Replaced(kCameras, "500.25", "500.1234567890123"),
                  kImages,
                  Replaced(kPoints3D, "0.1 0.2 5", "0.1 1e-300 5"));
-  const colmap::Reconstruction a = Read(folder / "a");
-  EXPECT_EQ(a.Camera(1).Params(0), 500.1234567890123);
+  const host::Reconstruction a = Read(folder / "a");
+  EXPECT_EQ(host::Params(a.Camera(1))[0], 500.1234567890123);
   fs::create_directories(folder / "b");
   a.WriteText(folder / "b");
-  const colmap::Reconstruction b = Read(folder / "b");
-  EXPECT_EQ(b.Camera(1).Params(), a.Camera(1).Params());
-  EXPECT_EQ(b.Point3D(3).XYZ(), a.Point3D(3).XYZ());
+  const host::Reconstruction b = Read(folder / "b");
+  EXPECT_EQ(host::Params(b.Camera(1)), host::Params(a.Camera(1)));
+  EXPECT_EQ(host::Xyz(b.Point3D(3)), host::Xyz(a.Point3D(3)));
 }
 
 TEST(ReadModel, WindowsLineEndsAndCommentsBetween) {
@@ -145,7 +146,7 @@ TEST(ReadModel, WithoutPoints) {
   fs::remove(folder / "binary/points3D.bin");
   for (const std::string name : {"text", "binary"}) {
     ExpectInputError([&] { Read(folder / name); }, {name, "points3D"});
-    const colmap::Reconstruction model = Read(folder / name, false);
+    const host::Reconstruction model = Read(folder / name, false);
     EXPECT_EQ(model.NumImages(), 3);
     EXPECT_EQ(model.NumPoints3D(), 0);
     EXPECT_EQ(model.Image(1).NumPoints2D(), 3);

@@ -10,7 +10,7 @@
 #include <map>
 
 #include "colmap_ext/exe/command.h"
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/image_file.h"
 #include "colmap_ext/io/camera_models.h"
 #include "src/util/errors.h"
 
@@ -89,22 +89,26 @@ TEST_F(SimulatorTest, WrittenModelsAreWhatWasSimulated) {
   const fs::path path = folder_ / "capture/";
   WriteSimulatedCapture(capture, path.string());
   EXPECT_FALSE(fs::exists(folder_ / "capture.mfir_partial"));
-  colmap::Reconstruction truth;
-  truth.Read((path / "ground_truth").string());
+  host::Reconstruction truth;
+  host::ReadReconstruction(
+      (path / "ground_truth").string(), /*is_binary=*/false, &truth);
   ASSERT_EQ(truth.NumRegImages(), 6);
   for (size_t i = 0; i < 6; ++i) {
-    EXPECT_EQ(truth.Camera(i + 1).Params(), capture.true_cameras[i].params);
+    EXPECT_EQ(host::Params(truth.Camera(i + 1)),
+              capture.true_cameras[i].params);
     EXPECT_EQ(truth.Image(i + 1).Name(), capture.true_cameras[i].name + ".png");
   }
-  colmap::Reconstruction frame;
-  frame.Read((path / "frames/frame000001/sparse/0").string());
+  host::Reconstruction frame;
+  host::ReadReconstruction((path / "frames/frame000001/sparse/0").string(),
+                           /*is_binary=*/true,
+                           &frame);
   EXPECT_EQ(frame.NumPoints3D(), capture.frames[1].sfm_model.NumPoints3D());
-  EXPECT_EQ(frame.Point3D(1).XYZ(),
-            capture.frames[1].sfm_model.Point3D(1).XYZ());
-  colmap::Bitmap bitmap;
+  EXPECT_EQ(host::Xyz(frame.Point3D(1)),
+            host::Xyz(capture.frames[1].sfm_model.Point3D(1)));
+  host::Bitmap bitmap;
   ASSERT_TRUE(
       bitmap.Read((path / "images/frame000001/cam02.png").string(), false));
-  EXPECT_EQ(bitmap.ConvertToRowMajorArray(),
+  EXPECT_EQ(host::RowMajorData(bitmap),
             RenderSimulatedImage(capture, 1, 2).pixels);
 }
 
@@ -119,17 +123,17 @@ TEST_F(SimulatorTest, EveryCameraModelHasExactTruth) {
       options.distance = focal_length == 0.0 ? 1.0 : 0.3;
       options.num_points = focal_length == 0.0 ? 80 : 40;
       const SimulatedCapture capture = SimulateCapture(options);
-      const colmap::Reconstruction& truth = capture.frames[0].true_model;
+      const host::Reconstruction& truth = capture.frames[0].true_model;
       double max_error = 0.0;
       for (const auto& [id, point] : truth.Points3D()) {
-        for (const auto& element : point.Track().Elements()) {
-          const colmap::Image& image = truth.Image(element.image_id);
+        for (const auto& element : host::TrackOf(point).Elements()) {
+          const host::Image& image = truth.Image(element.image_id);
           const Eigen::Vector2d xy =
-              truth.Camera(image.CameraId())
-                  .WorldToImage(
-                      (CamFromWorld(image) * point.XYZ()).hnormalized());
+              host::ImgFromCam(truth.Camera(image.CameraId()),
+                               host::CamFromWorld(image) * host::Xyz(point));
           max_error = std::max(
-              max_error, (xy - image.Point2D(element.point2D_idx).XY()).norm());
+              max_error,
+              (xy - host::Xy(image.Point2D(element.point2D_idx))).norm());
         }
       }
       EXPECT_LT(max_error, 1e-9) << model->Name();
@@ -163,12 +167,12 @@ TEST_F(SimulatorTest, NoiseAndOutliersHaveTheirStatistics) {
   double sum2 = 0.0, sum = 0.0;
   size_t num_inliers = 0, num_outliers = 0, num_keypoints = 0;
   for (const auto& [id, image] : frame.sfm_model.Images()) {
-    const colmap::Image& true_image = frame.true_model.Image(id);
+    const host::Image& true_image = frame.true_model.Image(id);
     num_keypoints += image.NumPoints2D();
     for (size_t i = 0; i < image.NumPoints2D(); ++i) {
       if (!image.Point2D(i).HasPoint3D()) continue;
       const Eigen::Vector2d error =
-          image.Point2D(i).XY() - true_image.Point2D(i).XY();
+          host::Xy(image.Point2D(i)) - host::Xy(true_image.Point2D(i));
       EXPECT_LE(error.norm(), options.max_outlier);
       if (error.norm() < options.min_outlier - 1e-9) {
         sum2 += error.squaredNorm();
@@ -187,8 +191,8 @@ TEST_F(SimulatorTest, NoiseAndOutliersHaveTheirStatistics) {
   EXPECT_NEAR(sum / (2.0 * num_inliers), 0.0, 0.02);
   EXPECT_NEAR(num_keypoints / num_observations, 1.2, 0.01);
   for (const auto& [id, point] : frame.sfm_model.Points3D()) {
-    EXPECT_GE(point.Track().Length(), 3);
-    EXPECT_LE(point.Track().Length(), 6);
+    EXPECT_GE(host::TrackOf(point).Length(), 3);
+    EXPECT_LE(host::TrackOf(point).Length(), 6);
   }
 }
 
@@ -203,15 +207,15 @@ TEST_F(SimulatorTest, FramesHaveTheirOwnGaugeAndWrongIntrinsics) {
   for (const SimulatedFrame& frame : exact.frames) {
     for (const auto& [id, point] : frame.sfm_model.Points3D()) {
       const Eigen::Vector3d expected =
-          frame.sfm_from_rig * frame.true_model.Point3D(id).XYZ();
-      EXPECT_LT((point.XYZ() - expected).norm(), 1e-6);
+          frame.sfm_from_rig * host::Xyz(frame.true_model.Point3D(id));
+      EXPECT_LT((host::Xyz(point) - expected).norm(), 1e-6);
     }
   }
   EXPECT_GT(std::abs(exact.frames[0].sfm_from_rig.scale -
                      exact.frames[1].sfm_from_rig.scale),
             1e-3);
-  EXPECT_NE(exact.frames[0].true_model.Point3D(1).XYZ(),
-            exact.frames[1].true_model.Point3D(1).XYZ());
+  EXPECT_NE(host::Xyz(exact.frames[0].true_model.Point3D(1)),
+            host::Xyz(exact.frames[1].true_model.Point3D(1)));
 
   options.initial_focal_length_sigma = 0.01;
   const SimulatedCapture drifted = SimulateCapture(options);
@@ -219,8 +223,8 @@ TEST_F(SimulatorTest, FramesHaveTheirOwnGaugeAndWrongIntrinsics) {
   for (const SimulatedFrame& frame : drifted.frames) {
     for (const auto& [id, camera] : frame.sfm_model.Cameras()) {
       const RigCamera& truth = drifted.true_cameras[id - 1];
-      sum2 += std::pow(camera.Params(0) / truth.params[0] - 1.0, 2);
-      EXPECT_EQ(camera.Params(2), truth.params[2]);
+      sum2 += std::pow(host::Params(camera)[0] / truth.params[0] - 1.0, 2);
+      EXPECT_EQ(host::Params(camera)[2], truth.params[2]);
     }
     EXPECT_LT(frame.sfm_model.ComputeMeanReprojectionError(), 0.5);
   }
@@ -243,7 +247,7 @@ TEST_F(SimulatorTest, UnitOnlyScalesTheWorld) {
   EXPECT_LT((1000.0 * a.translation - b.translation).norm(), 1e-9);
   const auto& point_m = metres.frames[0].true_model.Point3D(5);
   const auto& point_mm = millimetres.frames[0].true_model.Point3D(5);
-  EXPECT_LT((1000.0 * point_m.XYZ() - point_mm.XYZ()).norm(), 1e-9);
+  EXPECT_LT((1000.0 * host::Xyz(point_m) - host::Xyz(point_mm)).norm(), 1e-9);
 }
 
 // Bilinear grey value of an image at a COLMAP image coordinate.
@@ -266,9 +270,9 @@ TEST_F(SimulatorTest, ImagesAgreeWithGeometry) {
   options.image_noise = 0.0;
   const SimulatedCapture capture = SimulateCapture(options);
   const size_t kFrame = 1;
-  const colmap::Reconstruction& truth = capture.frames[kFrame].true_model;
+  const host::Reconstruction& truth = capture.frames[kFrame].true_model;
   const SyntheticSurface surface = SimulatedSurface(options, kFrame);
-  std::map<colmap::image_t, GreyImage> images;
+  std::map<host::image_t, GreyImage> images;
   for (const auto& [id, image] : truth.Images()) {
     images[id] = RenderSimulatedImage(capture, kFrame, id - 1);
   }
@@ -278,12 +282,13 @@ TEST_F(SimulatorTest, ImagesAgreeWithGeometry) {
   size_t count = 0;
   for (const auto& [id, point] : truth.Points3D()) {
     const double expected =
-        255.0 * surface.Brightness(point.XYZ().normalized());
-    EXPECT_NEAR(
-        point.XYZ().norm(), surface.Radius(point.XYZ().normalized()), 1e-12);
-    for (const auto& element : point.Track().Elements()) {
+        255.0 * surface.Brightness(host::Xyz(point).normalized());
+    EXPECT_NEAR(host::Xyz(point).norm(),
+                surface.Radius(host::Xyz(point).normalized()),
+                1e-12);
+    for (const auto& element : host::TrackOf(point).Elements()) {
       const Eigen::Vector2d xy =
-          truth.Image(element.image_id).Point2D(element.point2D_idx).XY();
+          host::Xy(truth.Image(element.image_id).Point2D(element.point2D_idx));
       const GreyImage& image = images.at(element.image_id);
       sum += std::abs(Grey(image, xy) - expected);
       shifted_sum +=

@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 #include <Eigen/Core>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/image_file.h"
 #include "src/feature/dense_features.h"
 
 namespace mfir {
@@ -72,17 +72,15 @@ struct TestImage {
   }
 
   void Write(const std::string& path) const {
-    colmap::Bitmap bitmap;
-    ASSERT_TRUE(bitmap.Allocate(width, height, num_channels == 3));
+    host::Bitmap bitmap = host::MakeBitmap(width, height, num_channels == 3);
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         const int last = num_channels - 1;
-        bitmap.SetPixel(
-            x,
-            y,
-            colmap::BitmapColor<uint8_t>(Pixel(x, y),
-                                         Pixel(x, y, std::min(1, last)),
-                                         Pixel(x, y, last)));
+        bitmap.SetPixel(x,
+                        y,
+                        host::BitmapColor(Pixel(x, y),
+                                          Pixel(x, y, std::min(1, last)),
+                                          Pixel(x, y, last)));
       }
     }
     ASSERT_TRUE(bitmap.Write(path));

@@ -14,7 +14,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "tests/support/test_files.h"
@@ -197,21 +197,22 @@ class RefinerTest : public testing::Test {
     return files;
   }
 
-  static colmap::Reconstruction Read(const std::string& path) {
+  static host::Reconstruction Read(const std::string& path) {
     // COLMAP aborts where there is none.
     if (!IsModelFolder(path)) throw std::runtime_error("no model: " + path);
-    colmap::Reconstruction reconstruction;
-    reconstruction.Read(path);
+    host::Reconstruction reconstruction;
+    const bool is_binary = std::filesystem::exists(path + "/points3D.bin");
+    host::ReadReconstruction(path, is_binary, &reconstruction);
     return reconstruction;
   }
 
-  static void WriteBinary(const colmap::Reconstruction& reconstruction,
+  static void WriteBinary(const host::Reconstruction& reconstruction,
                           const std::string& path) {
     std::filesystem::create_directories(path);
     reconstruction.WriteBinary(path);
   }
 
-  static void WriteText(const colmap::Reconstruction& reconstruction,
+  static void WriteText(const host::Reconstruction& reconstruction,
                         const std::string& path) {
     std::filesystem::create_directories(path);
     reconstruction.WriteText(path);
@@ -220,7 +221,7 @@ class RefinerTest : public testing::Test {
   // Changes the sparse model of a frame.
   template <typename Change>
   void ChangeFrame(const std::string& frame, const Change& change) const {
-    colmap::Reconstruction reconstruction = Read(ModelPath(frame));
+    host::Reconstruction reconstruction = Read(ModelPath(frame));
     change(&reconstruction);
     WriteBinary(reconstruction, ModelPath(frame));
   }
@@ -236,7 +237,7 @@ class RefinerTest : public testing::Test {
   // Changes the known extrinsics.
   template <typename Change>
   void ChangeRig(const Change& change) const {
-    colmap::Reconstruction rig = Read(Path("rig"));
+    host::Reconstruction rig = Read(Path("rig"));
     change(&rig);
     WriteText(rig, Path("rig"));
   }
@@ -245,15 +246,33 @@ class RefinerTest : public testing::Test {
   // other names.
   template <typename NewName>
   static void RenameImages(const NewName& new_name,
-                           colmap::Reconstruction* reconstruction) {
+                           host::Reconstruction* reconstruction) {
     for (const auto& id_and_image : reconstruction->Images()) {
-      colmap::Image& image = reconstruction->Image(id_and_image.first);
+      host::Image& image = reconstruction->Image(id_and_image.first);
       image.SetName(new_name(image.Name()));
     }
   }
 
-  static void RemovePoints(colmap::Reconstruction* reconstruction) {
-    for (const colmap::point3D_t id : reconstruction->Point3DIds()) {
+  // `qvec`: w, x, y, z.
+  static void SetPose(host::image_t image_id,
+                      const Eigen::Vector4d& qvec,
+                      const Eigen::Vector3d& translation,
+                      host::Reconstruction* reconstruction) {
+    host::SetCamFromWorld(
+        {Eigen::Quaterniond(qvec(0), qvec(1), qvec(2), qvec(3)), translation},
+        &reconstruction->Image(image_id));
+  }
+
+  static void SetTranslation(host::image_t image_id,
+                             const Eigen::Vector3d& translation,
+                             host::Reconstruction* reconstruction) {
+    host::Image& image = reconstruction->Image(image_id);
+    host::SetCamFromWorld({host::CamFromWorld(image).rotation, translation},
+                          &image);
+  }
+
+  static void RemovePoints(host::Reconstruction* reconstruction) {
+    for (const host::point3D_t id : reconstruction->Point3DIds()) {
       reconstruction->DeletePoint3D(id);
     }
   }
@@ -261,11 +280,11 @@ class RefinerTest : public testing::Test {
   // Removes all images but the first `num_images` by id, as a model that was
   // registered in part.
   static void KeepImages(size_t num_images,
-                         colmap::Reconstruction* reconstruction) {
-    std::vector<colmap::image_t> ids = reconstruction->RegImageIds();
+                         host::Reconstruction* reconstruction) {
+    std::vector<host::image_t> ids = reconstruction->RegImageIds();
     std::sort(ids.begin(), ids.end());
     for (size_t i = num_images; i < ids.size(); ++i) {
-      reconstruction->DeRegisterImage(ids[i]);
+      host::DeRegisterImage(ids[i], reconstruction);
     }
     reconstruction->TearDown();
   }

@@ -7,7 +7,7 @@
 #include <ceres/ceres.h>
 #include <gtest/gtest.h>
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/bundle_adjustment.h"
 
 namespace mfir {
 
@@ -183,32 +183,15 @@ TestScene MakeTestScene(const TestSceneOptions& options) {
 
 ceres::CostFunction* ColmapCost(const CameraModel& model,
                                 const Eigen::Vector2d& xy) {
-  switch (CameraModelId(model)) {
-#define CAMERA_MODEL_CASE(Model) \
-  case colmap::Model::kModelId:  \
-    return colmap::BundleAdjustmentCostFunction<colmap::Model>::Create(xy);
-    CAMERA_MODEL_CASES
-#undef CAMERA_MODEL_CASE
-  }
-  return nullptr;
+  return host::CreateReprojErrorCostFunction(CameraModelId(model), xy)
+      .release();
 }
 
 ceres::CostFunction* ColmapCost(const CameraModel& model,
                                 const Rigid3& pose,
                                 const Eigen::Vector2d& xy) {
-  const Eigen::Vector4d qvec(pose.rotation.w(),
-                             pose.rotation.x(),
-                             pose.rotation.y(),
-                             pose.rotation.z());
-  switch (CameraModelId(model)) {
-#define CAMERA_MODEL_CASE(Model)                             \
-  case colmap::Model::kModelId:                              \
-    return colmap::BundleAdjustmentConstantPoseCostFunction< \
-        colmap::Model>::Create(qvec, pose.translation, xy);
-    CAMERA_MODEL_CASES
-#undef CAMERA_MODEL_CASE
-  }
-  return nullptr;
+  return host::CreateReprojErrorCostFunction(CameraModelId(model), pose, xy)
+      .release();
 }
 
 void AddReprojectionErrors(const ceres::LossFunction* loss,

@@ -1,6 +1,6 @@
 // Poses that survive COLMAP's files bit for bit.
 
-#include "colmap_ext/host/compat.h"
+#include "colmap_ext/host/reconstruction.h"
 
 #include <random>
 
@@ -19,6 +19,11 @@ Eigen::Quaterniond RandomRotation(std::mt19937* random) {
   return q.normalized();
 }
 
+// As COLMAP 3.8 does when it reads or writes a quaternion.
+Eigen::Vector4d Normalized(const Eigen::Vector4d& qvec) {
+  return qvec / qvec.norm();
+}
+
 TEST(StableQuaternion, NormalizationChangesNothing) {
   std::mt19937 random(1);
   double max_change = 0.0;
@@ -26,11 +31,11 @@ TEST(StableQuaternion, NormalizationChangesNothing) {
   for (int i = 0; i < 100000; ++i) {
     const Eigen::Quaterniond q = RandomRotation(&random);
     const Eigen::Vector4d given(q.w(), q.x(), q.y(), q.z());
-    const Eigen::Quaterniond stable = StableQuaternion(q);
+    const Eigen::Quaterniond stable = host::StableQuaternion(q);
     const Eigen::Vector4d qvec(stable.w(), stable.x(), stable.y(), stable.z());
-    num_unstable += colmap::NormalizeQuaternion(qvec) != qvec;
+    num_unstable += Normalized(qvec) != qvec;
     max_change = std::max(max_change, (qvec - given).cwiseAbs().maxCoeff());
-    if (colmap::NormalizeQuaternion(given) == given) {
+    if (Normalized(given) == given) {
       ASSERT_EQ(qvec, given);
     }
   }
@@ -44,8 +49,8 @@ TEST(StableQuaternion, RotationsAboutAxes) {
     for (int axis = 0; axis < 3; ++axis) {
       const Eigen::Quaterniond q(
           Eigen::AngleAxisd(angle, Eigen::Vector3d::Unit(axis)));
-      const Eigen::Quaterniond stable = StableQuaternion(q);
-      EXPECT_EQ(StableQuaternion(stable).coeffs(), stable.coeffs());
+      const Eigen::Quaterniond stable = host::StableQuaternion(q);
+      EXPECT_EQ(host::StableQuaternion(stable).coeffs(), stable.coeffs());
       EXPECT_LE((stable.coeffs() - q.coeffs()).cwiseAbs().maxCoeff(), 2.3e-16);
     }
   }
@@ -55,34 +60,35 @@ TEST(StableQuaternion, RotationsAboutAxes) {
 TEST(StableQuaternion, SurvivesFiles) {
   const TemporaryFolder folder;
   std::mt19937 random(2);
-  colmap::Reconstruction model;
-  colmap::Camera camera;
-  camera.SetCameraId(1);
-  camera.InitializeWithName("PINHOLE", 500, 640, 480);
-  model.AddCamera(camera);
+  host::Reconstruction model;
+  host::AddCameraWithTrivialRig(
+      host::MakeCamera(1, /*model_id=*/1, 640, 480, {500, 500, 320, 240}),
+      &model);
   const int kNumImages = 2000;
   for (int i = 1; i <= kNumImages; ++i) {
-    colmap::Image image;
+    host::Image image;
     image.SetImageId(i);
     image.SetCameraId(1);
     image.SetName(std::to_string(i));
-    SetCamFromWorld({StableQuaternion(RandomRotation(&random)),
-                     1e3 * Eigen::Vector3d(RandomRotation(&random).vec())},
-                    &image);
-    model.AddImage(image);
-    model.RegisterImage(i);
+    host::AddImageWithTrivialFrame(
+        image,
+        {host::StableQuaternion(RandomRotation(&random)),
+         1e3 * Eigen::Vector3d(RandomRotation(&random).vec())},
+        &model);
   }
   model.WriteText(folder.Path());
-  colmap::Reconstruction from_text;
-  from_text.ReadText(folder.Path());
+  host::Reconstruction from_text;
+  host::ReadReconstruction(folder.Path(), /*is_binary=*/false, &from_text);
   from_text.WriteBinary(folder.Path());
-  colmap::Reconstruction from_binary;
-  from_binary.ReadBinary(folder.Path());
-  for (const colmap::Reconstruction* read : {&from_text, &from_binary}) {
+  host::Reconstruction from_binary;
+  host::ReadReconstruction(folder.Path(), /*is_binary=*/true, &from_binary);
+  for (const host::Reconstruction* read : {&from_text, &from_binary}) {
     ASSERT_EQ(read->NumRegImages(), static_cast<size_t>(kNumImages));
     for (int i = 1; i <= kNumImages; ++i) {
-      EXPECT_EQ(read->Image(i).Qvec(), model.Image(i).Qvec()) << i;
-      EXPECT_EQ(read->Image(i).Tvec(), model.Image(i).Tvec()) << i;
+      const Rigid3 pose = host::CamFromWorld(read->Image(i));
+      const Rigid3 written = host::CamFromWorld(model.Image(i));
+      EXPECT_EQ(pose.rotation.coeffs(), written.rotation.coeffs()) << i;
+      EXPECT_EQ(pose.translation, written.translation) << i;
     }
   }
 }

@@ -1,0 +1,32 @@
+// COLMAP's parser of command lines.
+
+#pragma once
+
+#include <string>
+#include <vector>
+
+#if MFIR_COLMAP_MAJOR >= 4
+#include "colmap/controllers/base_option_manager.h"
+#else
+#include "util/option_manager.h"
+#endif
+
+namespace mfir::host {
+
+// Options are added by AddDefaultOption(name, &value, help).
+#if MFIR_COLMAP_MAJOR >= 4
+using OptionManager = colmap::BaseOptionManager;
+#else
+using OptionManager = colmap::OptionManager;
+#endif
+
+// Parses "--name value" and "--name=value"; `arguments` has no --project_path.
+// With --help: prints the options and exits with 0. Exits with 1 and a line on
+// stderr for a value that cannot be read.
+void ParseOptions(const std::vector<std::string>& arguments,
+                  OptionManager* manager);
+
+// Names of the options that COLMAP adds to each command.
+const std::vector<std::string>& CommonOptionNames();
+
+}  // namespace mfir::host
