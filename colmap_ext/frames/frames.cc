@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_io.h"
