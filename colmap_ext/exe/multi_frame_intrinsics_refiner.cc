@@ -72,12 +72,14 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
 
   RefinerInputs inputs = ReadInputs(options, output, &progress);
   const Start start = MakeStart(options, inputs);
-  const Tracks tracks = RetriangulateInRounds(multi_frame,
-                                              options.tracks,
-                                              output.TemporaryPath(),
-                                              start,
-                                              std::move(inputs.capture),
-                                              &progress);
+  Tracks new_tracks = RetriangulateInRounds(multi_frame,
+                                            options.tracks,
+                                            output.TemporaryPath(),
+                                            start,
+                                            std::move(inputs.capture),
+                                            &progress);
+  const Tracks tracks = RefineKeypoints(
+      multi_frame, options.image_path, start, std::move(new_tracks), &progress);
   const SelectedTracks selected = SelectTracks(multi_frame, tracks.scene);
   LogStaticPoints(multi_frame, tracks.scene, selected, progress);
   RefinedTracks refined = RefineTracks(

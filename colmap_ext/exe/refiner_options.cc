@@ -93,6 +93,13 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
       &options->retriangulation_rounds,
       "How often frames with a database.db get new tracks, with the intrinsics "
       "so far");
+  add("refine_keypoints",
+      &options->refine_keypoints,
+      "Align the keypoints of tracks on the images, by patches warped from "
+      "view to view; needs --image_path");
+  add("complete_tracks",
+      &options->complete_tracks,
+      "Look for tracks in further cameras, in the same way");
   add("static_points",
       &options->static_points,
       "Tracks that are in place in several frames: keep (one piece of evidence "
@@ -161,11 +168,17 @@ void CheckOptions(const RefinerOptions& options) {
         "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index are for dense "
         "features: give --image_path or leave them at -1.");
   }
+  if (options.image_path.empty() &&
+      (multi_frame.refine_keypoints || multi_frame.complete_tracks)) {
+    throw UsageError(
+        "--MultiFrame.refine_keypoints 1 and complete_tracks 1 need images: "
+        "give --image_path or leave them at -1.");
+  }
   if (!options.image_path.empty() &&
       !std::filesystem::is_directory(options.image_path)) {
     throw InputError("--image_path " + options.image_path +
                      " is not a folder. Correct it or leave it out: images are "
-                     "for dense features only.");
+                     "for dense features and refined keypoints only.");
   }
 }
 

@@ -4,6 +4,7 @@
 
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <utility>
 #include <vector>
@@ -71,6 +72,9 @@ Eigen::Vector3d& Xyz(Point3D* point3D);
 double Error(const Point3D& point3D);
 void SetError(double error, Point3D* point3D);
 const Track& TrackOf(const Point3D& point3D);
+// Red, green, blue.
+using Color = Eigen::Matrix<uint8_t, 3, 1>;
+Color ColorOf(const Point3D& point3D);
 
 // Applies new_from_old to all poses and points.
 void TransformReconstruction(const Similarity3& new_from_old,

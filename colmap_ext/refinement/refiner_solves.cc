@@ -277,6 +277,47 @@ Tracks RetriangulateInRounds(const MultiFrameOptions& options,
   return tracks;
 }
 
+Tracks RefineKeypoints(const MultiFrameOptions& options,
+                       const std::string& image_path,
+                       const Start& start,
+                       Tracks tracks,
+                       Progress* progress) {
+  if (options.refine_keypoints != 1 && options.complete_tracks != 1) {
+    return tracks;
+  }
+  if (!tracks.refinement) {
+    tracks = RefineRound(options, start, std::move(tracks), progress);
+  }
+  progress->Heading("Refining keypoints");
+  KeypointRefinement refined = RefineKeypoints(
+      options,
+      image_path,
+      [&](const std::string& line) { progress->Log(line); },
+      tracks.scene,
+      tracks.estimate);
+  const KeypointStatistics& statistics = refined.statistics;
+  progress->Log(host::StringPrintf(
+      "Keypoints refined in %zu of %zu frames: of %zu observations %zu "
+      "aligned, %zu reference, %zu dropped; %zu added",
+      statistics.num_frames,
+      tracks.scene.frames.size(),
+      statistics.num_before,
+      statistics.num_aligned,
+      statistics.num_reference,
+      statistics.num_dropped,
+      statistics.num_added));
+  tracks.keypoints = statistics;
+  if (statistics.num_frames == 0) return tracks;
+  tracks.capture = ReplaceKeypoints(refined, std::move(tracks.capture));
+  tracks.scene.frames = std::move(refined.frames);
+  for (size_t f = 0; f < refined.points.size(); ++f) {
+    tracks.estimate.frames[f].points = std::move(refined.points[f]);
+  }
+  tracks.are_new = true;
+  tracks.refinement.reset();
+  return tracks;
+}
+
 RefinedTracks RefineTracks(const MultiFrameOptions& options,
                            const std::string& image_path,
                            const Tracks& tracks,

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "colmap_ext/controllers/keypoint_refinement.h"
 #include "colmap_ext/frames/frames.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "colmap_ext/refinement/refiner_progress.h"
@@ -62,6 +63,8 @@ struct Tracks {
   Scene scene;
   Estimate estimate;
   bool are_new = false;  // made anew since the frames were read
+  // Null: keypoints are as they were.
+  std::optional<KeypointStatistics> keypoints;
   // Of the selected tracks, if they are solved (with keypoints alone) as they
   // are.
   std::optional<RefinementResult> refinement;
@@ -81,6 +84,15 @@ Tracks RetriangulateInRounds(const MultiFrameOptions& options,
                              const Start& start,
                              Capture capture,
                              Progress* progress);
+
+// Where the options ask for it, solves with the keypoints alone (unless that is
+// done) and refines the keypoints of the tracks on the images
+// (keypoint_refinement.h).
+Tracks RefineKeypoints(const MultiFrameOptions& options,
+                       const std::string& image_path,
+                       const Start& start,
+                       Tracks tracks,
+                       Progress* progress);
 
 // The refinement of the selected tracks with the points of all others.
 struct RefinedTracks {

@@ -199,6 +199,16 @@ Json DriftToJson(const std::optional<CameraDrift>& drift) {
           {"principal_point_stds", drift->principal_point_stds}};
 }
 
+// Share of a camera's observations whose keypoints were refined.
+Json RefinedShare(const std::optional<KeypointStatistics>& keypoints,
+                  size_t camera_idx) {
+  if (!keypoints) return nullptr;
+  const size_t num_after = keypoints->num_after_by_camera[camera_idx];
+  if (num_after == 0) return nullptr;
+  return static_cast<double>(keypoints->num_refined_by_camera[camera_idx]) /
+         static_cast<double>(num_after);
+}
+
 Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
   const Scene& scene = tracks.scene;
   std::vector<size_t> num_frames(scene.cameras.size(), 0);
@@ -272,6 +282,7 @@ Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
          {"moved_deg", pose.is_moved ? Json(pose.angle_deg) : Json(nullptr)},
          {"num_frames", num_frames[i]},
          {"num_observations", num_observations[i]},
+         {"refined_share", RefinedShare(tracks.keypoints, i)},
          {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
          {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
          {"flags", flags}});

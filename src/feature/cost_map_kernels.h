@@ -1,15 +1,10 @@
 // Reference features and cost maps: the same functions are called by the loops
 // on the CPU (cost_maps.cc) and by the CUDA kernels (cuda/cost_maps_gpu.cu).
 //
-// A group of threads works on one track or patch. Group has
-//   Rank(), Size()                            index of the thread, their number
-//   Row(), NumRows(), Column(), NumColumns()  the same threads as a rectangle
-//   Sync()                                    barrier
-//   Sum(float)                                the same sum for all threads
-// (the reference features need Rank, Size and Sum, the cost maps all but Sum).
-// On the CPU it is a single thread, and all loops over channels vectorize.
-// Features are fp16, rows of `num_channels` elements, patches as in
-// DenseFeaturePatches.
+// A group of threads (thread_group.h) works on one track or patch: the
+// reference features need Rank, Size and Sum, the cost maps all but Sum. On the
+// CPU it is a single thread, and all loops over channels vectorize. Features
+// are fp16, rows of `num_channels` elements, patches as in DenseFeaturePatches.
 
 #pragma once
 
@@ -18,21 +13,11 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "src/feature/thread_group.h"
 #include "src/geometry/cubic_interpolation.h"
 #include "src/util/half_float.h"
 
 namespace mfir {
-
-struct SerialGroup {
-  MFIR_HOST_DEVICE static constexpr int Rank() { return 0; }
-  MFIR_HOST_DEVICE static constexpr int Size() { return 1; }
-  MFIR_HOST_DEVICE static constexpr int Row() { return 0; }
-  MFIR_HOST_DEVICE static constexpr int NumRows() { return 1; }
-  MFIR_HOST_DEVICE static constexpr int Column() { return 0; }
-  MFIR_HOST_DEVICE static constexpr int NumColumns() { return 1; }
-  MFIR_HOST_DEVICE static void Sync() {}
-  MFIR_HOST_DEVICE static float Sum(float value) { return value; }
-};
 
 // -----------------------------------------------------------------------------
 // Reference feature of a track

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "src/util/errors.h"
@@ -56,6 +57,17 @@ void MultiFrameOptions::Check() const {
   CheckAtLeast("loss_scale", loss_scale, 0.0);
   CheckAtLeast("max_num_iterations", max_num_iterations, 1);
   CheckAtLeast("retriangulation_rounds", retriangulation_rounds, 0);
+  for (const auto& [name, value] :
+       {std::make_pair("refine_keypoints", refine_keypoints),
+        std::make_pair("complete_tracks", complete_tracks)}) {
+    if (value && NumScheduleSolves() > 0) {
+      throw UsageError(
+          "The solves of a schedule keep their tracks: with "
+          "--MultiFrame.max_prior_weight or progressive 0, "
+          "--MultiFrame." +
+          std::string(name) + " must be 0 or -1.");
+    }
+  }
   CheckOneOf("static_points", static_points, {"merge", "keep", "drop"});
   CheckAtLeast("held_out_share", held_out_share, 0.0);
   CheckAtLeast("extrinsics_rotation_std_deg", extrinsics_rotation_std_deg, 0.0);

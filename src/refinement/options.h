@@ -58,6 +58,11 @@ struct MultiFrameOptions {
   // intrinsics so far.
   int retriangulation_rounds = 0;
 
+  // Align keypoints, and look for tracks in further cameras, on the images
+  // (track_refinement.h). Not with a schedule.
+  bool refine_keypoints = false;
+  bool complete_tracks = false;
+
   // What becomes of tracks that are in place in several frames: "merge", "keep"
   // or "drop", see StaticPoints.
   std::string static_points = "keep";

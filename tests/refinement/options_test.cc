@@ -170,143 +170,16 @@ TEST(MultiFrameOptions, NewTracksNeedALastSolveOnly) {
   ExpectRefused(options, "retriangulation_rounds");
 }
 
-TEST(MultiFrameOptions, StaticPointsStayInSchedulesAndSingleFrames) {
-  MultiFrameOptions options;
-  options.ApplyPreset("paper");
-  EXPECT_EQ(options.static_points, "keep");
-  options.static_points = "merge";
-  ExpectRefused(options, "static_points");
-  options.ApplyPreset("accurate");
-  EXPECT_NO_THROW(options.Check());
-  options.static_points = "drop";
-  EXPECT_NO_THROW(options.Check());
-  options.focal_variance_weight = 0.0;
-  options.principal_point_variance_weight = 0.0;
-  ExpectRefused(options, "static_points");
-  options.static_points = "keep";
-  EXPECT_NO_THROW(options.Check());
-}
-
-TEST(MultiFrameOptions, MessageNamesValueAndBound) {
-  MultiFrameOptions options;
-  options.loss_scale = -0.5;
-  try {
-    options.Check();
-    FAIL();
-  } catch (const UsageError& error) {
-    EXPECT_NE(std::string(error.what()).find("-0.5"), std::string::npos);
-    EXPECT_NE(std::string(error.what()).find(">= 0"), std::string::npos);
-    EXPECT_EQ(error.exit_code, kExitUsage);
-  }
-  options = {};
-  options.weight_growth = 1.0;
-  try {
-    options.Check();
-    FAIL();
-  } catch (const UsageError& error) {
-    EXPECT_NE(std::string(error.what()).find("1.01"), std::string::npos);
-  }
-}
-
-TEST(MultiFrameOptions, PaperPresetHasThePapersSettings) {
+TEST(MultiFrameOptions, SchedulesKeepTheirKeypoints) {
   MultiFrameOptions options;
   options.ApplyPreset("accurate");
+  options.refine_keypoints = true;
+  options.complete_tracks = true;
+  EXPECT_NO_THROW(options.Check());
   options.ApplyPreset("paper");
-  EXPECT_EQ(options.preset, "paper");
-  EXPECT_EQ(options.reprojection_weight, 1.0);
-  EXPECT_EQ(options.rotation_prior_weight, 0.01);
-  EXPECT_EQ(options.translation_prior_weight, 0.01);
-  EXPECT_EQ(options.featuremetric_weight, 0.01);
-  EXPECT_EQ(options.focal_variance_weight, 0.02);
-  EXPECT_EQ(options.principal_point_variance_weight, 0.02);
-  EXPECT_EQ(options.extra_params_variance_weight, 0.02);
-  EXPECT_EQ(options.weight_growth, 2.0);
-  EXPECT_EQ(options.max_prior_weight, 1e6);
-  EXPECT_EQ(options.loss_scale, 0.25);
-  EXPECT_TRUE(options.progressive);
-  EXPECT_EQ(options.NumScheduleSolves(), 27);
-}
-
-TEST(MultiFrameOptions, AccuratePresetTakesTheLossFromTheData) {
-  MultiFrameOptions options;
-  options.ApplyPreset("accurate");
-  EXPECT_EQ(options.preset, "accurate");
-  EXPECT_EQ(options.loss_scale, 0.0);
-  EXPECT_EQ(options.NumScheduleSolves(), 0);
-}
-
-TEST(MultiFrameOptions, UnknownPresetIsRefusedAndChangesNothing) {
-  MultiFrameOptions options;
-  options.ApplyPreset("paper");
-  EXPECT_THROW(options.ApplyPreset("Accurate"), UsageError);
-  EXPECT_THROW(options.ApplyPreset(""), UsageError);
-  EXPECT_EQ(options.preset, "paper");
-  EXPECT_EQ(options.max_prior_weight, 1e6);
-}
-
-// Number of solves by counting them: weights grow after each solve until a
-// prior weight exceeds the maximum.
-int CountSolves(const MultiFrameOptions& options) {
-  int count = 0;
-  for (double weight = options.rotation_prior_weight;
-       weight <= options.max_prior_weight;
-       weight *= options.weight_growth) {
-    ++count;
-  }
-  return count;
-}
-
-TEST(NumScheduleSolves, CountsTheWeightsUpToTheMaximum) {
-  for (const double growth : {1.5, 2.0, 3.0, 10.0}) {
-    for (const double weight : {0.01, 1.0, 3.0}) {
-      for (const double max_weight : {1.0, 27.0, 64.0, 1000.0, 1e6}) {
-        MultiFrameOptions options;
-        options.weight_growth = growth;
-        options.rotation_prior_weight = weight;
-        options.max_prior_weight = max_weight;
-        EXPECT_EQ(options.NumScheduleSolves(), CountSolves(options))
-            << weight << " x " << growth << " up to " << max_weight;
-      }
-    }
-  }
-}
-
-TEST(NumScheduleSolves, NonProgressiveIsOne) {
-  for (const char* preset : {"paper", "accurate"}) {
-    MultiFrameOptions options;
-    options.ApplyPreset(preset);
-    options.progressive = false;
-    EXPECT_EQ(options.NumScheduleSolves(), 1);
-  }
-}
-
-TEST(NumScheduleSolves, ZeroPriorWeights) {
-  MultiFrameOptions options;
-  options.rotation_prior_weight = 0.0;  // the translation's counts
-  EXPECT_EQ(options.NumScheduleSolves(), 27);
-  options.translation_prior_weight = 0.0;  // nothing to grow
-  EXPECT_EQ(options.NumScheduleSolves(), 1);
-  options.max_prior_weight = 0.0;
-  EXPECT_EQ(options.NumScheduleSolves(), 0);
-  options.rotation_prior_weight = 0.01;
-  options.max_prior_weight = 1e6;
-  EXPECT_EQ(options.NumScheduleSolves(), 27);
-}
-
-TEST(MultiFrameOptions, SingleFrameModeNeedsBothWeightsZero) {
-  MultiFrameOptions options;
-  EXPECT_FALSE(options.SingleFrameMode());
-  options.focal_variance_weight = 0.0;
-  EXPECT_FALSE(options.SingleFrameMode());
-  options.principal_point_variance_weight = 0.0;
-  EXPECT_TRUE(options.SingleFrameMode());
-}
-
-TEST(MultiFrameOptions, EffectiveNumThreads) {
-  MultiFrameOptions options;
-  EXPECT_GE(options.EffectiveNumThreads(), 1);
-  options.num_threads = 3;
-  EXPECT_EQ(options.EffectiveNumThreads(), 3);
+  ExpectRefused(options, "refine_keypoints");
+  options.refine_keypoints = false;
+  ExpectRefused(options, "complete_tracks");
 }
 
 }  // namespace

@@ -81,6 +81,8 @@ void SetError(double error, Point3D* point3D) { point3D->SetError(error); }
 
 const Track& TrackOf(const Point3D& point3D) { return point3D.Track(); }
 
+Color ColorOf(const Point3D& point3D) { return point3D.Color(); }
+
 void TransformReconstruction(const Similarity3& new_from_old,
                              Reconstruction* reconstruction) {
   reconstruction->Transform(

@@ -97,6 +97,8 @@ void SetError(double error, Point3D* point3D) { point3D->error = error; }
 
 const Track& TrackOf(const Point3D& point3D) { return point3D.track; }
 
+Color ColorOf(const Point3D& point3D) { return point3D.color; }
+
 void TransformReconstruction(const Similarity3& new_from_old,
                              Reconstruction* reconstruction) {
   reconstruction->Transform(colmap::Sim3d(
