@@ -172,7 +172,7 @@ void CheckOptions(const RefinerOptions& options) {
       (multi_frame.refine_keypoints || multi_frame.complete_tracks)) {
     throw UsageError(
         "--MultiFrame.refine_keypoints 1 and complete_tracks 1 need images: "
-        "give --image_path or leave them at -1.");
+        "give --image_path or leave them at 0.");
   }
   if (!options.image_path.empty() &&
       !std::filesystem::is_directory(options.image_path)) {
