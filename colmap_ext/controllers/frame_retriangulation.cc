@@ -139,22 +139,6 @@ void Retriangulate(const MultiFrameOptions& options,
   result->model = std::move(model);
 }
 
-// The cameras with the present intrinsics for a frame.
-std::vector<RigCamera> PresentCameras(const MultiFrameOptions& options,
-                                      const Scene& scene,
-                                      const Estimate& estimate,
-                                      size_t frame_idx) {
-  std::vector<RigCamera> cameras = estimate.cameras;
-  if (options.SingleFrameMode()) {
-    const std::vector<FrameImage>& images = scene.frames[frame_idx].images;
-    for (size_t i = 0; i < images.size(); ++i) {
-      cameras[images[i].camera_idx].params =
-          estimate.frames[frame_idx].images[i].params;
-    }
-  }
-  return cameras;
-}
-
 // By used frame.
 std::vector<NewFrame> RetriangulateAll(
     const MultiFrameOptions& options,
@@ -176,7 +160,8 @@ std::vector<NewFrame> RetriangulateAll(
     try {
       Retriangulate(options,
                     track_options,
-                    PresentCameras(options, scene, estimate, i),
+                    options.SingleFrameMode() ? FrameCameras(scene, estimate, i)
+                                              : estimate.cameras,
                     work_path / ("retriangulation_" + std::to_string(i)),
                     num_threads / num_frames_at_once,
                     *models[i],
@@ -199,14 +184,6 @@ std::vector<NewFrame> RetriangulateAll(
   return results;
 }
 
-std::vector<const FrameModel*> UsedModels(const Capture& capture) {
-  std::vector<const FrameModel*> models;
-  for (const FrameModel& model : capture.frames) {
-    if (model.skip_reason.empty()) models.push_back(&model);
-  }
-  return models;
-}
-
 }  // namespace
 
 Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
@@ -216,7 +193,7 @@ Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
                                     const Scene& scene,
                                     const Estimate& estimate) {
   std::vector<NewFrame> new_frames = RetriangulateAll(
-      options, track_options, work_path, UsedModels(capture), scene, estimate);
+      options, track_options, work_path, capture.UsedFrames(), scene, estimate);
   Retriangulation result;
   std::vector<double> tolerances;
   for (size_t i = 0; i < new_frames.size(); ++i) {

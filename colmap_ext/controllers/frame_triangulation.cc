@@ -7,6 +7,7 @@
 #include "colmap_ext/host/triangulation.h"
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/model_io.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -82,20 +83,11 @@ host::Reconstruction MakeModel(const std::vector<RigCamera>& cameras,
                                const std::vector<DatabaseImage>& images) {
   host::Reconstruction model;
   for (const DatabaseImage& frame_image : images) {
-    const RigCamera& source = cameras[frame_image.camera_idx];
-    const auto camera_id =
-        static_cast<host::camera_t>(frame_image.camera_idx + 1);
-    host::AddCameraWithTrivialRig(host::MakeCamera(camera_id,
-                                                   CameraModelId(*source.model),
-                                                   source.width,
-                                                   source.height,
-                                                   source.params),
-                                  &model);
-    host::Image image;
-    image.SetImageId(frame_image.image_id);
-    image.SetCameraId(camera_id);
-    image.SetName(frame_image.name);
-    host::AddImageWithTrivialFrame(image, source.cam_from_world, &model);
+    AddPosedImage(frame_image.image_id,
+                  frame_image.name,
+                  static_cast<host::camera_t>(frame_image.camera_idx + 1),
+                  cameras[frame_image.camera_idx],
+                  &model);
   }
   return model;
 }

@@ -255,11 +255,12 @@ Capture RemoveCamerasWithoutImages(Capture capture) {
   return capture;
 }
 
-size_t Capture::NumUsedFrames() const {
-  return std::count_if(
-      frames.begin(), frames.end(), [](const FrameModel& frame) {
-        return frame.skip_reason.empty();
-      });
+std::vector<const FrameModel*> Capture::UsedFrames() const {
+  std::vector<const FrameModel*> used;
+  for (const FrameModel& frame : frames) {
+    if (frame.skip_reason.empty()) used.push_back(&frame);
+  }
+  return used;
 }
 
 Capture ReadCapture(const std::string& frames_path,

@@ -44,7 +44,9 @@ struct Capture {
   std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
   ImageOfName image_of_unknown_name;               // of the latter
 
-  size_t NumUsedFrames() const;
+  // Those that take part, as Scene::frames.
+  std::vector<const FrameModel*> UsedFrames() const;
+  size_t NumUsedFrames() const { return UsedFrames().size(); }
 };
 
 // Names of the frames in `frames_path`, the value of the option `option_name`,

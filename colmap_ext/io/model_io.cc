@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "colmap_ext/host/reconstruction.h"
+#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_check.h"
 #include "src/sensor/camera_naming.h"
@@ -269,6 +270,24 @@ void ReadModel(const std::string& path,
   }
   CheckModelValues(files, model);
   *reconstruction = std::move(model);
+}
+
+void AddPosedImage(host::image_t image_id,
+                   const std::string& image_name,
+                   host::camera_t camera_id,
+                   const RigCamera& camera,
+                   host::Reconstruction* reconstruction) {
+  host::AddCameraWithTrivialRig(host::MakeCamera(camera_id,
+                                                 CameraModelId(*camera.model),
+                                                 camera.width,
+                                                 camera.height,
+                                                 camera.params),
+                                reconstruction);
+  host::Image image;
+  image.SetImageId(image_id);
+  image.SetCameraId(camera_id);
+  image.SetName(image_name);
+  host::AddImageWithTrivialFrame(image, camera.cam_from_world, reconstruction);
 }
 
 void WriteModel(const std::string& path,

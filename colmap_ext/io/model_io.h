@@ -7,6 +7,7 @@
 #include <string>
 
 #include "colmap_ext/host/reconstruction.h"
+#include "src/scene/scene.h"
 
 namespace mfir {
 
@@ -38,6 +39,13 @@ std::string FindSparseModel(const std::string& frame_path);
 void ReadModel(const std::string& path,
                bool require_points,
                host::Reconstruction* reconstruction);
+
+// Adds an image with the pose and intrinsics of `camera`, and its camera.
+void AddPosedImage(host::image_t image_id,
+                   const std::string& image_name,
+                   host::camera_t camera_id,
+                   const RigCamera& camera,
+                   host::Reconstruction* reconstruction);
 
 // Writes a binary model, and with `with_text` a text model too, to the folder
 // `path`, which is made. COLMAP 3.8 does not check its writes, so the files are

@@ -66,12 +66,10 @@ Estimate MultiFrameBundleAdjuster::Run(const StageCallback& callback,
     }
   }
   // COLMAP's residual blocks need a reconstruction that holds the variables.
-  std::vector<const FrameModel*> models;
+  const std::vector<const FrameModel*> models = capture.UsedFrames();
   std::vector<std::unique_ptr<host::Reconstruction>> reconstructions;
-  for (const FrameModel& model : capture.frames) {
-    if (!model.skip_reason.empty()) continue;
-    const size_t f = models.size();
-    models.push_back(&model);
+  for (size_t f = 0; f < models.size(); ++f) {
+    const FrameModel& model = *models[f];
     reconstructions.push_back(
         std::make_unique<host::Reconstruction>(*model.reconstruction));
     SetEstimate(scene.frames[f],

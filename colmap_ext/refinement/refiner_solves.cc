@@ -92,10 +92,8 @@ Tracks RefineRound(const MultiFrameOptions& options,
                    Progress* progress) {
   progress->Heading("Refining intrinsics");
   const Selection selection = SelectTracks(options, tracks.scene).selection;
-  const auto select = [&](TrackRole role) {
-    return SelectTracks(selection, role, tracks.scene, tracks.estimate);
-  };
-  SceneEstimate fitted = select(TrackRole::kFitted);
+  SceneEstimate fitted = SelectTracks(
+      selection, TrackRole::kFitted, tracks.scene, tracks.estimate);
   tracks.refinement = RefineScene(options,
                                   progress->RecordStages(),
                                   tracks.capture,
@@ -110,10 +108,9 @@ Tracks RefineRound(const MultiFrameOptions& options,
       tracks.scene,
       FindExtrinsicsContradictions(start.stds_px, stds_px, start.own_stds_px)));
   tracks.estimate = JoinEstimates(selection,
+                                  TrackRole::kFitted,
                                   tracks.refinement->estimate,
-                                  select(TrackRole::kHeldOut).estimate,
-                                  select(TrackRole::kMerged).estimate,
-                                  select(TrackRole::kDropped).estimate);
+                                  std::move(tracks.estimate));
   return tracks;
 }
 
@@ -344,18 +341,21 @@ RefinedTracks RefineTracks(const MultiFrameOptions& options,
                                          tracks.capture,
                                          fitted.scene,
                                          std::move(fitted.estimate));
-  const auto fit = [&](TrackRole role) {
-    return FitTracks(
-        options, tracks, selection, role, refined.refinement.estimate);
-  };
-  const SceneEstimate held_out = fit(TrackRole::kHeldOut);
-  refined.held_out_rms_px = InlierRms(SquaredResiduals(
-      held_out.scene, held_out.estimate, options.SingleFrameMode()));
   refined.estimate = JoinEstimates(selection,
+                                   TrackRole::kFitted,
                                    refined.refinement.estimate,
-                                   held_out.estimate,
-                                   fit(TrackRole::kMerged).estimate,
-                                   fit(TrackRole::kDropped).estimate);
+                                   tracks.estimate);
+  for (const TrackRole role :
+       {TrackRole::kHeldOut, TrackRole::kMerged, TrackRole::kDropped}) {
+    const SceneEstimate others = FitTracks(
+        options, tracks, selection, role, refined.refinement.estimate);
+    if (role == TrackRole::kHeldOut) {
+      refined.held_out_rms_px = InlierRms(SquaredResiduals(
+          others.scene, others.estimate, options.SingleFrameMode()));
+    }
+    refined.estimate = JoinEstimates(
+        selection, role, others.estimate, std::move(refined.estimate));
+  }
   return refined;
 }
 

@@ -114,19 +114,17 @@ host::Reconstruction MakeRigModel(const std::vector<KnownCamera>& cameras) {
   host::Reconstruction reconstruction;
   for (size_t i = 0; i < cameras.size(); ++i) {
     const auto id = static_cast<host::camera_t>(i + 1);
-    host::AddCameraWithTrivialRig(
-        host::MakeCamera(id,
-                         CameraModelId(*cameras[i].model),
-                         cameras[i].width,
-                         cameras[i].height,
-                         cameras[i].params),
-        &reconstruction);
-    host::Image image;
-    image.SetImageId(id);
-    image.SetCameraId(id);
-    image.SetName(cameras[i].image_name);
-    host::AddImageWithTrivialFrame(
-        image, cameras[i].cam_from_world, &reconstruction);
+    const KnownCamera& known = cameras[i];
+    AddPosedImage(id,
+                  known.image_name,
+                  id,
+                  {known.name,
+                   known.cam_from_world,
+                   known.model,
+                   known.width,
+                   known.height,
+                   known.params},
+                  &reconstruction);
   }
   return reconstruction;
 }
@@ -425,16 +423,15 @@ WrittenResult WriteResult(const OptionParser& options,
                  true,
                  MakeRigModel(GivenCameras(tracks.capture, result)));
     }
-    size_t frame_idx = 0;
-    for (const FrameModel& model : tracks.capture.frames) {
-      if (!model.skip_reason.empty()) continue;
-      WriteModel((path / "frames" / model.name).string(),
+    const std::vector<const FrameModel*> models = tracks.capture.UsedFrames();
+    for (size_t f = 0; f < models.size(); ++f) {
+      WriteModel((path / "frames" / models[f]->name).string(),
                  false,
                  RefinedReconstruction(result.rig_from_normalized,
-                                       model,
+                                       *models[f],
                                        tracks.scene,
                                        result.refined.estimate,
-                                       frame_idx++,
+                                       f,
                                        result.cameras,
                                        result.single_frame_mode));
     }

@@ -8,6 +8,7 @@
 
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/model_io.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "src/util/errors.h"
@@ -34,18 +35,7 @@ void WriteRig(const std::vector<RigCamera>& cameras, const fs::path& path) {
   host::Reconstruction model;
   for (size_t i = 0; i < cameras.size(); ++i) {
     const auto id = static_cast<host::image_t>(i + 1);
-    host::AddCameraWithTrivialRig(
-        host::MakeCamera(id,
-                         CameraModelId(*cameras[i].model),
-                         cameras[i].width,
-                         cameras[i].height,
-                         cameras[i].params),
-        &model);
-    host::Image image;
-    image.SetImageId(id);
-    image.SetCameraId(id);
-    image.SetName(cameras[i].name + ".png");
-    host::AddImageWithTrivialFrame(image, cameras[i].cam_from_world, &model);
+    AddPosedImage(id, cameras[i].name + ".png", id, cameras[i], &model);
   }
   fs::create_directories(path);
   model.WriteText(path.string());

@@ -433,6 +433,16 @@ MFIR_HOST_DEVICE void AssessFit(const Group& group,
   fit->zncc = PatchZncc(group, patch, samples);
 }
 
+// Of a row-major matrix.
+MFIR_HOST_DEVICE void Invert2x2(const float* matrix, float* inverse) {
+  const float inverse_det =
+      1.0f / (matrix[0] * matrix[3] - matrix[1] * matrix[2]);
+  inverse[0] = matrix[3] * inverse_det;
+  inverse[1] = -matrix[1] * inverse_det;
+  inverse[2] = -matrix[2] * inverse_det;
+  inverse[3] = matrix[0] * inverse_det;
+}
+
 // Composes the warp with the inverse of u -> u + d(u). Returns the length of
 // the step, in pixels of the reference image. Long steps are shortened.
 MFIR_HOST_DEVICE float UpdatePatchWarp(const float* coefficients,
@@ -453,12 +463,8 @@ MFIR_HOST_DEVICE float UpdatePatchWarp(const float* coefficients,
   dy *= scale;
   matrix[0] += 1.0f;
   matrix[3] += 1.0f;
-  const float inverse_det =
-      1.0f / (matrix[0] * matrix[3] - matrix[1] * matrix[2]);
-  const float inverse[4] = {matrix[3] * inverse_det,
-                            -matrix[1] * inverse_det,
-                            -matrix[2] * inverse_det,
-                            matrix[0] * inverse_det};
+  float inverse[4];
+  Invert2x2(matrix, inverse);
   const float a[4] = {
       warp->affine[0], warp->affine[1], warp->affine[2], warp->affine[3]};
   for (int row = 0; row < 2; ++row) {
@@ -478,12 +484,8 @@ MFIR_HOST_DEVICE bool IsNearStart(const PatchWarp& start,
   const double dx = warp.center[0] - start.center[0];
   const double dy = warp.center[1] - start.center[1];
   if (!(dx * dx + dy * dy <= kMaxPatchShift * kMaxPatchShift)) return false;
-  const float* s = start.affine;
-  const float inverse_det = 1.0f / (s[0] * s[3] - s[1] * s[2]);
-  const float inverse[4] = {s[3] * inverse_det,
-                            -s[1] * inverse_det,
-                            -s[2] * inverse_det,
-                            s[0] * inverse_det};
+  float inverse[4];
+  Invert2x2(start.affine, inverse);
   for (int row = 0; row < 2; ++row) {
     for (int column = 0; column < 2; ++column) {
       const float change = inverse[2 * row] * warp.affine[column] +

@@ -118,7 +118,6 @@ class Refiner {
               kStepTolerance,
               losses.cost_maps == nullptr ? kTolerance : kCostMapTolerance);
     RefinementResult result;
-    result.estimate = estimate_;
     result.converged = summary.converged;
     result.last_step_stds = summary.last_step_stds;
     result.last_focal_change = summary.last_focal_change;
@@ -132,6 +131,7 @@ class Refiner {
     if (feature_std_px_ > 0.0) {
       result.feature_noise_std_px = feature_noise.InlierStd();
     }
+    result.estimate = std::move(estimate_);
     return result;
   }
 
@@ -306,13 +306,8 @@ SceneEstimate SingleFrame(const Scene& scene,
   SceneEstimate single;
   single.scene.cameras = scene.cameras;
   single.scene.frames = {scene.frames[frame_idx]};
-  single.estimate.cameras = estimate.cameras;
+  single.estimate.cameras = FrameCameras(scene, estimate, frame_idx);
   single.estimate.frames = {estimate.frames[frame_idx]};
-  const std::vector<FrameImage>& images = scene.frames[frame_idx].images;
-  for (size_t i = 0; i < images.size(); ++i) {
-    single.estimate.cameras[images[i].camera_idx].params =
-        estimate.frames[frame_idx].images[i].params;
-  }
   return single;
 }
 

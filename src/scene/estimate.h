@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include <utility>
+#include <cstddef>
 #include <vector>
 
 #include <Eigen/Core>
@@ -30,6 +30,20 @@ struct Estimate {
   std::vector<RigCamera> cameras;
   std::vector<FrameEstimate> frames;  // as Scene::frames
 };
+
+// The rig's cameras with the intrinsics of the images that the frame has of
+// them.
+inline std::vector<RigCamera> FrameCameras(const Scene& scene,
+                                           const Estimate& estimate,
+                                           size_t frame_idx) {
+  std::vector<RigCamera> cameras = estimate.cameras;
+  const std::vector<FrameImage>& images = scene.frames[frame_idx].images;
+  for (size_t i = 0; i < images.size(); ++i) {
+    cameras[images[i].camera_idx].params =
+        estimate.frames[frame_idx].images[i].params;
+  }
+  return cameras;
+}
 
 // Measurements and an estimate of what they have measured.
 struct SceneEstimate {

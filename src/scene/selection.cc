@@ -1,6 +1,5 @@
 #include "src/scene/selection.h"
 
-#include <array>
 #include <utility>
 
 namespace mfir {
@@ -65,24 +64,21 @@ SceneEstimate SelectTracks(const Selection& selection,
 }
 
 Estimate JoinEstimates(const Selection& selection,
-                       const Estimate& fitted,
-                       const Estimate& held_out,
-                       const Estimate& merged,
-                       const Estimate& dropped) {
-  Estimate joined = fitted;
-  // In the order of TrackRole.
-  const std::array<const Estimate*, 4> by_role = {
-      &fitted, &held_out, &merged, &dropped};
-  for (size_t f = 0; f < joined.frames.size(); ++f) {
-    std::vector<Eigen::Vector3d>& points = joined.frames[f].points;
-    points.clear();
-    std::array<size_t, 4> next = {};
-    for (const TrackRole track_role : selection.roles[f]) {
-      const size_t role = static_cast<size_t>(track_role);
-      points.push_back(by_role[role]->frames[f].points[next[role]++]);
+                       TrackRole role,
+                       const Estimate& selected,
+                       Estimate all) {
+  all.cameras = selected.cameras;
+  for (size_t f = 0; f < all.frames.size(); ++f) {
+    const FrameEstimate& frame = selected.frames[f];
+    all.frames[f].images = frame.images;
+    size_t next = 0;
+    for (size_t i = 0; i < selection.roles[f].size(); ++i) {
+      if (selection.roles[f][i] == role) {
+        all.frames[f].points[i] = frame.points[next++];
+      }
     }
   }
-  return joined;
+  return all;
 }
 
 }  // namespace mfir

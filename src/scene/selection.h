@@ -42,13 +42,12 @@ SceneEstimate SelectTracks(const Selection& selection,
                            const Scene& scene,
                            const Estimate& estimate);
 
-// `fitted` (of the selected tracks) with the points of all tracks of the scene:
-// those of role kFitted from `fitted`, those of the other roles from the
-// estimates of their selected tracks. Points of merged tracks are left out.
+// The estimate of all tracks of the scene with the points of the tracks of
+// `role` from `selected`, an estimate of what SelectTracks gives for that role,
+// and its cameras and images. Points of merged tracks are left out.
 Estimate JoinEstimates(const Selection& selection,
-                       const Estimate& fitted,
-                       const Estimate& held_out,
-                       const Estimate& merged,
-                       const Estimate& dropped);
+                       TrackRole role,
+                       const Estimate& selected,
+                       Estimate all);
 
 }  // namespace mfir

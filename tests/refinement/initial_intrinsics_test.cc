@@ -18,10 +18,6 @@ MultiFrameOptions Options(double loss_scale) {
   return options;
 }
 
-double Median3(double a, double b, double c) {
-  return std::max(std::min(a, b), std::min(std::max(a, b), c));
-}
-
 TEST(InitializeIntrinsics, TakesTheMedianOfTheFrames) {
   TestSceneOptions scene_options;
   scene_options.num_frames = 3;

@@ -39,10 +39,6 @@ RefinementResult Refine(const MultiFrameOptions& options,
   return result;
 }
 
-double Median3(double a, double b, double c) {
-  return std::max(std::min(a, b), std::min(std::max(a, b), c));
-}
-
 TEST(RefineFixedExtrinsics, EstimatedLossRecoversNoiseAndIntrinsics) {
   TestSceneOptions scene_options;
   scene_options.num_points = 400;

@@ -348,7 +348,7 @@ TEST(Selection, JoinsWhatItHasSelected) {
     const Selection selection = HoldOutTracks(
         0.2, all.scene, SelectStaticPoints(treatment, all.scene, &statistics));
     size_t num_selected = 0;
-    std::vector<Estimate> estimates;
+    Estimate joined = EmptyEstimate(all.scene);
     for (const TrackRole role : {TrackRole::kFitted,
                                  TrackRole::kHeldOut,
                                  TrackRole::kMerged,
@@ -356,11 +356,10 @@ TEST(Selection, JoinsWhatItHasSelected) {
       const SceneEstimate selected =
           SelectTracks(selection, role, all.scene, all.estimate);
       num_selected += NumTracks(selected.scene);
-      estimates.push_back(selected.estimate);
+      joined =
+          JoinEstimates(selection, role, selected.estimate, std::move(joined));
     }
     EXPECT_EQ(num_selected, NumTracks(all.scene) + selection.merged.size());
-    const Estimate joined = JoinEstimates(
-        selection, estimates[0], estimates[1], estimates[2], estimates[3]);
     for (size_t f = 0; f < kNumFrames; ++f) {
       EXPECT_EQ(joined.frames[f].points, all.estimate.frames[f].points);
     }

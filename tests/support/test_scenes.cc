@@ -244,6 +244,10 @@ double SolveTightly(ceres::Problem* problem) {
   return summary.final_cost;
 }
 
+double Median3(double a, double b, double c) {
+  return std::max(std::min(a, b), std::min(std::max(a, b), c));
+}
+
 double MaxParamsDifference(const SceneEstimate& a, const SceneEstimate& b) {
   double max_difference = 0.0;
   for (size_t i = 0; i < b.estimate.cameras.size(); ++i) {

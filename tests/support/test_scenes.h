@@ -81,6 +81,8 @@ ceres::Problem::Options SharedLoss();
 // To the last digit that the cost resolves.
 double SolveTightly(ceres::Problem* problem);
 
+double Median3(double a, double b, double c);
+
 // Largest |a - b| / max(|b|, 1) over all intrinsics of the rig.
 double MaxParamsDifference(const SceneEstimate& a, const SceneEstimate& b);
 }  // namespace mfir
