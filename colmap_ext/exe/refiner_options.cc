@@ -96,7 +96,7 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("refine_keypoints",
       &options->refine_keypoints,
       "Align the keypoints of tracks on the images, by patches warped from "
-      "view to view; needs --image_path");
+      "view to view; -1: where there is --image_path, not with paper");
   add("complete_tracks",
       &options->complete_tracks,
       "Look for tracks in further cameras, in the same way");
@@ -148,6 +148,12 @@ std::string DefaultDenseFeatures(const RefinerOptions& options) {
   return options.image_path.empty() ? "none" : "sift";
 }
 
+// Whether an option that is -1 means 1.
+bool RefinesKeypoints(const RefinerOptions& options) {
+  return !options.image_path.empty() && options.multi_frame.preset != "paper" &&
+         options.multi_frame.NumScheduleSolves() == 0;
+}
+
 void CheckOptions(const RefinerOptions& options) {
   options.multi_frame.Check();
   options.tracks.Check();
@@ -169,10 +175,10 @@ void CheckOptions(const RefinerOptions& options) {
         "features: give --image_path or leave them at -1.");
   }
   if (options.image_path.empty() &&
-      (multi_frame.refine_keypoints || multi_frame.complete_tracks)) {
+      (multi_frame.refine_keypoints == 1 || multi_frame.complete_tracks == 1)) {
     throw UsageError(
         "--MultiFrame.refine_keypoints 1 and complete_tracks 1 need images: "
-        "give --image_path or leave them at 0.");
+        "give --image_path or leave them at -1.");
   }
   if (!options.image_path.empty() &&
       !std::filesystem::is_directory(options.image_path)) {
@@ -208,6 +214,10 @@ void ParseRefinerOptions(int argc,
   }
   if (multi_frame->dense_features.empty()) {
     multi_frame->dense_features = DefaultDenseFeatures(*options);
+  }
+  for (int* value :
+       {&multi_frame->refine_keypoints, &multi_frame->complete_tracks}) {
+    if (*value == -1) *value = RefinesKeypoints(*options) ? 1 : 0;
   }
   CheckOptions(*options);
 }
