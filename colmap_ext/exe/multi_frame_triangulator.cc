@@ -10,6 +10,7 @@
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
+#include "colmap_ext/controllers/stage_progress.h"
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/triangulator_inputs.h"
 #include "colmap_ext/frames/frame_database.h"
@@ -136,6 +137,7 @@ class FrameOutput {
 std::string ProcessFrame(const TriangulatorOptions& options,
                          const TriangulatorInputs& inputs,
                          int num_threads,
+                         ParallelLog* log,
                          InputFrame* frame) {
   const fs::path folder = fs::path(options.output_path) / frame->name;
   const Json previous = ReadRecord(folder);
@@ -166,6 +168,7 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                       inputs.pairs,
                       num_threads,
                       output.DatabasePath(),
+                      LogProgress(frame->name, "images", log),
                       &timings,
                       &frame->warnings);
   } else {
@@ -179,7 +182,9 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                TriangulateFrame(options,
                                 inputs.naming,
                                 inputs.cameras,
+                                inputs.pairs,
                                 num_threads,
+                                LogProgress(frame->name, "pairs", log),
                                 database.get(),
                                 &statistics,
                                 &timings,
@@ -218,7 +223,7 @@ void ProcessFrames(const TriangulatorOptions& options,
     std::string outcome;
     try {
       outcome = ProcessFrame(
-          options, *inputs, num_threads / num_frames_at_once, &frame);
+          options, *inputs, num_threads / num_frames_at_once, &log, &frame);
       frame.failure.clear();
     } catch (const OutputError&) {
       throw;
