@@ -1,6 +1,8 @@
 #include "colmap_ext/io/camera_models.h"
 
 #include <memory>
+#include <optional>
+#include <utility>
 
 #include <gtest/gtest.h>
 
