@@ -12,7 +12,8 @@ namespace {
 void AddPaths(RefinerOptions* options, OptionParser* parser) {
   parser->AddRequired("input_path",
                       &options->input_path,
-                      "Folder with one sub-folder per frame");
+                      "Folder with one sub-folder per frame, or a COLMAP model "
+                      "that holds many frames");
   parser->AddRequired("extrinsics_path",
                       &options->extrinsics_path,
                       "Known extrinsics: COLMAP model, KRT file or intri.yml + "
@@ -132,6 +133,10 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("camera_name_regex",
       &options->camera_name_regex,
       "One capture group: the camera name within an image name");
+  add("frame_name_regex",
+      &options->frame_name_regex,
+      "One capture group: the frame's name within an image name, where one "
+      "model holds many frames");
   AddDenseFeatureOptions(options, parser);
   add("use_gpu", &options->use_gpu, "-1: if there is one, 0, 1");
   add("gpu_index", &options->gpu_index, "-1: any");

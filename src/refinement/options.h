@@ -93,6 +93,9 @@ struct MultiFrameOptions {
   // Physical camera of an image name, see CameraNaming.
   std::string camera_name_regex;
 
+  // Frame of an image name, where one model holds many: see FrameNames.
+  std::string frame_name_regex;
+
   // "none", "sift", "onnx" or "database"; empty: "sift" with images, else
   // "none".
   std::string dense_features;
