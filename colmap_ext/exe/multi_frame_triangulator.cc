@@ -19,6 +19,7 @@
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/util/errors.h"
+#include "src/util/interruption.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -74,7 +75,9 @@ Json MakeRecord(const TriangulatorInputs& inputs,
 class FrameOutput {
  public:
   explicit FrameOutput(const fs::path& folder)
-      : folder_(folder), unfinished_(folder / kUnfinishedName) {
+      : folder_(folder),
+        unfinished_(folder / kUnfinishedName),
+        removed_at_end_(unfinished_) {
     Try([this]() {
       fs::remove_all(unfinished_);
       fs::create_directories(unfinished_);
@@ -101,6 +104,7 @@ class FrameOutput {
            << "\n";
       file.close();
       if (!file) throw std::runtime_error("is the disk full?");
+      const SignalDelay delay;
       // A model beside a record is one of this command's, finished or not.
       std::ofstream(folder_ / kRecordName, std::ios::trunc) << "{}\n";
       if (keep_database) {
@@ -126,6 +130,7 @@ class FrameOutput {
 
   const fs::path folder_;
   const fs::path unfinished_;
+  const ScopedTemporaryPath removed_at_end_;
 };
 
 // Returns what the frame came to, for the log. Throws InputError.

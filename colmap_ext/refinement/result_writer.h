@@ -23,6 +23,7 @@ struct RunReport {
   std::vector<std::pair<std::string, double>> timings_s;
   nlohmann::ordered_json inputs;
   nlohmann::ordered_json evaluation;  // null without a ground truth
+  std::string image_path;             // empty: none
 };
 
 // The files and folders of a result, as OutputFolder takes them.
@@ -39,7 +40,7 @@ nlohmann::ordered_json MakeSummary(const OptionParser& options,
 
 struct WrittenResult {
   std::string path;                  // see OutputFolder::Publish
-  std::vector<std::string> remarks;  // what KRT cannot express
+  std::vector<std::string> remarks;  // what a format cannot express
 };
 
 // Writes all files to the temporary folder of `output` and publishes them when
