@@ -9,7 +9,6 @@ namespace {
 
 // Of the image as it comes, pixels.
 constexpr double kImageSigma = 0.5;
-constexpr int kMinSide = 4;
 
 // One half of the symmetric kernel, from the middle; its sum over both is 1.
 std::vector<float> HalfKernel(double sigma) {

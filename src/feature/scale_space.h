@@ -51,6 +51,7 @@ inline constexpr double kFirstSigma = 1.6;
 // is taken to be blurred by half a pixel. Only one is in memory at a time.
 class ScaleSpace {
  public:
+  // No side of the first octave may have fewer than kMinSide pixels.
   ScaleSpace(const FloatImage& image, int first_octave, int resolution);
 
   const Octave& Current() const { return octave_; }
@@ -59,8 +60,10 @@ class ScaleSpace {
   // not be level `resolution`, from which the next octave is made.
   Octave& Current() { return octave_; }
 
-  // False if there is none: the smaller side would have fewer than 4 pixels.
+  // False if there is none: a side would have fewer than kMinSide pixels.
   bool Next();
+
+  static constexpr int kMinSide = 4;
 
  private:
   void FillLevels(FloatImage first);

@@ -272,7 +272,10 @@ void Describe(const SiftOptions& options,
 
 SiftFeatures ExtractSift(const SiftOptions& options, const FloatImage& image) {
   SiftFeatures features;
-  if (image.width < 2 || image.height < 2) return features;
+  // Pixels of the first octave.
+  const double smaller_side =
+      std::ldexp(std::min(image.width, image.height), -options.first_octave);
+  if (smaller_side < ScaleSpace::kMinSide) return features;
   std::vector<LevelKeypoints> levels = Detect(options, image);
   for (size_t i = FirstLevelToKeep(options, levels); i < levels.size(); ++i) {
     Describe(options, levels[i], &features);
