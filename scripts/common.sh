@@ -17,7 +17,7 @@ PACKAGES=(
   libboost-graph-dev libboost-program-options-dev
   libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
   libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
-  libmetis-dev libopencv-core-dev libopencv-dnn-dev libopencv-features2d-dev
+  libmetis-dev libopencv-core-dev libopencv-dnn-dev
   libsqlite3-dev nlohmann-json3-dev
 )
 # Of COLMAP 3.x, and of 4.x.

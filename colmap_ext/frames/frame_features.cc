@@ -5,7 +5,7 @@
 #include <map>
 #include <optional>
 
-#include "colmap_ext/feature/opencv_sift.h"
+#include "colmap_ext/feature/sift_extractor.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"
 
@@ -148,9 +148,9 @@ std::unique_ptr<T> CheckCreated(std::unique_ptr<T> object, const char* what) {
 
 std::unique_ptr<host::FeatureExtractor> MakeExtractor(
     const TriangulatorOptions& options) {
-  if (options.feature_extractor == "opencv" &&
-      OpenCVSiftSupports(options.feature_extraction)) {
-    return MakeOpenCVSift(options.feature_extraction);
+  if (options.feature_extractor == "built_in" &&
+      BuiltInSiftSupports(options.feature_extraction)) {
+    return MakeBuiltInSift(options.feature_extraction);
   }
   return CheckCreated(
       host::FeatureExtractor::Create(options.feature_extraction),

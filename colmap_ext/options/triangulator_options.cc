@@ -90,8 +90,7 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
       "> 0: start from this focal length / larger image side");
   add("feature_extractor",
       &options->feature_extractor,
-      "opencv: its SIFT, where it can do what [SiftExtraction] asks for; or "
-      "colmap");
+      "built_in: the same as COLMAP's SIFT, faster; or colmap");
   add("num_threads", &options->num_threads, "-1: all");
   add("overwrite",
       &options->overwrite,
@@ -135,9 +134,9 @@ void TriangulatorOptions::Check() const {
       (prefix + "focal_length_factor").c_str(), focal_length_factor, 0, 100);
   CheckRange(
       (prefix + "max_epipolar_error").c_str(), max_epipolar_error, 1e-4, 0.5);
-  if (feature_extractor != "opencv" && feature_extractor != "colmap") {
+  if (feature_extractor != "built_in" && feature_extractor != "colmap") {
     throw UsageError("--" + prefix + "feature_extractor " + feature_extractor +
-                     ": must be opencv or colmap.");
+                     ": must be built_in or colmap.");
   }
   if (num_threads == 0 || num_threads < -1 || num_threads > 1024) {
     throw UsageError("--" + prefix +
