@@ -10,8 +10,10 @@ namespace mfir {
 // the exit code of the contract (src/util/errors.h).
 int RunCommand(const std::function<void()>& body);
 
+int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
 int RunMultiFrameEvaluator(int argc, char** argv);
+int RunMultiFrameRigConverter(int argc, char** argv);
 int RunMultiFrameSimulator(int argc, char** argv);
 int RunMultiFrameTriangulator(int argc, char** argv);
 

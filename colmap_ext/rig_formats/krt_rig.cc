@@ -1,14 +1,13 @@
-#include <charconv>
-#include <fstream>
-
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/text_file.h"
-#include "colmap_ext/rigs/rig_formats.h"
-#include "colmap_ext/rigs/rig_io.h"
-#include "src/util/errors.h"
+#include "colmap_ext/rig_formats/camera_fields.h"
+#include "colmap_ext/rig_formats/formats.h"
 
 namespace mfir {
 namespace {
+
+// k1 k2 p1 p2 k3
+constexpr size_t kNumDistortion = 5;
 
 void NextRow(TextFile* file, const std::string& camera_name) {
   if (!file->NextContentLine()) {
@@ -35,86 +34,40 @@ Matrix ReadMatrix(TextFile* file,
   return matrix;
 }
 
-void WriteRow(const double* values, int num, std::ofstream* file) {
-  for (int i = 0; i < num; ++i) {
-    char text[32];
-    // %.17g, but independent of the locale.
-    const auto end = std::to_chars(std::begin(text),
-                                   std::end(text),
-                                   values[i],
-                                   std::chars_format::general,
-                                   17);
-    *file << (i > 0 ? " " : "") << std::string_view(text, end.ptr - text);
+void AppendRow(const std::vector<double>& values, std::string* text) {
+  for (size_t i = 0; i < values.size(); ++i) {
+    *text += (i > 0 ? " " : "") + ExactNumber(values[i]);
   }
-  *file << "\n";
+  *text += "\n";
 }
 
-// Sets k1 k2 p1 p2 k3; false if KRT cannot hold the model's distortion.
-bool DistortionForKRT(const KnownCamera& camera, double* distortion) {
-  const std::string& model = camera.model->Name();
-  std::vector<double> extra;
-  for (const size_t idx : camera.model->ExtraParamsIdxs()) {
-    extra.push_back(camera.params[idx]);
-  }
-  if (model == "FULL_OPENCV") {
-    if (extra[5] != 0.0 || extra[6] != 0.0 || extra[7] != 0.0) {
-      return false;
+template <typename Matrix>
+void AppendMatrix(const Matrix& matrix, std::string* text) {
+  for (int row = 0; row < matrix.rows(); ++row) {
+    std::vector<double> values;
+    for (int col = 0; col < matrix.cols(); ++col) {
+      values.push_back(matrix(row, col));
     }
-    extra.resize(5);
-  } else if (model != "SIMPLE_PINHOLE" && model != "PINHOLE" &&
-             model != "SIMPLE_RADIAL" && model != "RADIAL" &&
-             model != "OPENCV") {
-    return false;
+    AppendRow(values, text);
   }
-  // All of these begin with k1, k2, as KRT does.
-  std::copy(extra.begin(), extra.end(), distortion);
-  return true;
-}
-
-// Returns whether the file holds the camera's distortion.
-bool WriteCamera(const KnownCamera& camera, std::ofstream* file) {
-  const std::vector<size_t>& focal_idxs = camera.model->FocalLengthIdxs();
-  const std::vector<size_t>& center_idxs = camera.model->PrincipalPointIdxs();
-  const double K[3][3] = {
-      {camera.params[focal_idxs.front()], 0.0, camera.params[center_idxs[0]]},
-      {0.0, camera.params[focal_idxs.back()], camera.params[center_idxs[1]]},
-      {0.0, 0.0, 1.0}};
-  double distortion[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
-  const bool has_distortion = DistortionForKRT(camera, distortion);
-  Eigen::Matrix<double, 3, 4, Eigen::RowMajor> matrix;
-  if (camera.matrix) {
-    matrix = *camera.matrix;
-  } else {
-    matrix << camera.cam_from_world.rotation.normalized().toRotationMatrix(),
-        camera.cam_from_world.translation;
-  }
-
-  *file << camera.name << "\n";
-  for (const double* row : K) {
-    WriteRow(row, 3, file);
-  }
-  WriteRow(distortion, 5, file);
-  for (int row = 0; row < 3; ++row) {
-    WriteRow(matrix.data() + 4 * row, 4, file);
-  }
-  *file << "\n";
-  return has_distortion;
 }
 
 }  // namespace
 
-std::vector<KnownCamera> ReadKRTCameras(const std::string& path,
-                                        double pixel_offset) {
+Cameras ReadKRTRig(const std::string& path,
+                   double pixel_offset,
+                   RigRemarks* /*remarks*/) {
   TextFile file(path, ReadTextFile(path), TextFile::Spacing::kAny);
-  std::vector<KnownCamera> cameras;
+  Cameras cameras;
   while (file.NextContentLine()) {
     KnownCamera camera;
     camera.image_name = std::string(file.Line());
     const std::string where = path + ":" + std::to_string(file.LineNumber()) +
                               ": camera " + camera.image_name;
     const auto K = ReadMatrix<Eigen::Matrix3d>(&file, camera.image_name, "K");
-    const auto distortion = ReadMatrix<Eigen::Matrix<double, 1, 5>>(
-        &file, camera.image_name, "the distortion");
+    const auto distortion =
+        ReadMatrix<Eigen::Matrix<double, 1, kNumDistortion>>(
+            &file, camera.image_name, "the distortion");
     const auto matrix = ReadMatrix<Eigen::Matrix<double, 3, 4>>(
         &file, camera.image_name, "[R | t]");
     SetIntrinsics(K,
@@ -129,21 +82,42 @@ std::vector<KnownCamera> ReadKRTCameras(const std::string& path,
 }
 
 std::vector<std::string> WriteKRT(const std::string& path,
-                                  const std::vector<KnownCamera>& cameras) {
-  std::ofstream file(path, std::ios::trunc);
+                                  const Cameras& cameras,
+                                  double pixel_offset) {
+  std::string text;
   std::vector<std::string> without_distortion;
   for (const KnownCamera& camera : cameras) {
-    if (!WriteCamera(camera, &file)) {
+    RequireIntrinsics("krt", camera);
+    Lens lens = LensOf(camera);
+    if (lens.kind != Lens::Kind::kBrown || lens.distortion[5] != 0.0 ||
+        lens.distortion[6] != 0.0 || lens.distortion[7] != 0.0) {
       without_distortion.push_back(camera.name);
+      lens.distortion.assign(kNumDistortion, 0.0);
     }
+    lens.distortion.resize(kNumDistortion);
+    text += camera.name + "\n";
+    AppendMatrix(lens.K(pixel_offset), &text);
+    AppendRow(lens.distortion, &text);
+    AppendMatrix(PoseMatrix(camera), &text);
+    text += "\n";
   }
-  file.close();
-  if (!file) {
-    throw OutputError(path +
-                      ": cannot write the file. Does its folder exist, "
-                      "is it writable, and is the disk not full?");
-  }
+  WriteRigFile(path, text);
   return without_distortion;
+}
+
+void WriteKRTRig(const std::string& path,
+                 const Cameras& cameras,
+                 double pixel_offset,
+                 RigRemarks* remarks) {
+  for (const std::string& name : WriteKRT(path, cameras, pixel_offset)) {
+    remarks->push_back("KRT cannot hold the distortion of camera '" + name +
+                       "'; it has zeros there.");
+  }
+  for (const KnownCamera& camera : cameras) {
+    if (camera.width == 0) continue;
+    remarks->push_back("KRT holds no image sizes");
+    break;
+  }
 }
 
 }  // namespace mfir
