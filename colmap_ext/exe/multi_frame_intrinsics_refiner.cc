@@ -60,6 +60,7 @@ RunReport MakeReport(const RefinerOptions& options,
       EvaluateCameras(inputs.true_cameras,
                       result.refined.estimate.cameras,
                       options.multi_frame.quiet ? nullptr : &std::cout);
+  report.image_path = options.image_path;
   report.stages = progress->Stages();
   report.timings_s = progress->Timings();
   report.output_types = options.OutputTypes();

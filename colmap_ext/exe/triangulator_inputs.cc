@@ -17,6 +17,7 @@
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/rigs/rig_scaling.h"
 #include "src/scene/view_overlap.h"
+#include "src/sensor/image_name.h"
 #include "src/sensor/unmatched_names.h"
 #include "src/util/errors.h"
 
@@ -79,7 +80,7 @@ InputFrame MakeInputFrame(const TriangulatorOptions& options,
          image.name,
          image.path,
          FindMask(
-             options, images.name, image.name, ImageStem(camera->image_name))});
+             options, images.name, image.name, FileStem(camera->image_name))});
   }
   if (!without_camera.empty()) {
     frame.warnings.push_back(std::to_string(without_camera.size()) +

@@ -4,6 +4,7 @@
 
 #include "colmap_ext/host/util.h"
 #include "src/sensor/camera_naming.h"
+#include "src/sensor/image_name.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -39,7 +40,7 @@ void ImageFolder::MakeIndex() const {
     for (const auto& entry : fs::directory_iterator(folder, error)) {
       if (entry.is_regular_file(error) &&
           host::IsImageFileName(entry.path().string())) {
-        visit(entry.path(), ImageStem(entry.path().filename().string()));
+        visit(entry.path(), FileStem(entry.path().filename().string()));
       }
     }
   };

@@ -6,6 +6,7 @@
 
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
+#include "src/util/errors.h"
 #include "src/util/parse_number.h"
 
 namespace mfir {

@@ -7,12 +7,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "src/util/errors.h"
-
 namespace mfir {
-
-// The result is good and written, but outside of a limit.
-constexpr ExitCode kExitOutsideLimits = static_cast<ExitCode>(5);
 
 // 0: none.
 struct Limits {

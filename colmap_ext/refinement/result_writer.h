@@ -24,6 +24,7 @@ struct RunReport {
   std::vector<std::pair<std::string, double>> timings_s;
   nlohmann::ordered_json inputs;
   nlohmann::ordered_json evaluation;      // null without a ground truth
+  std::string image_path;                 // empty: none
   std::vector<std::string> output_types;  // names of RigFormats
   Limits limits;
 };

@@ -14,6 +14,7 @@
 #include "colmap_ext/io/model_check.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/sensor/camera_naming.h"
+#include "src/sensor/image_name.h"
 #include "src/util/errors.h"
 #include "src/util/parse_number.h"
 
@@ -284,7 +285,7 @@ void RequireImageSize(const std::string& format, const KnownCamera& camera) {
 
 std::string WrittenName(const KnownCamera& camera) {
   for (const std::string& name :
-       {camera.image_name, ImageStem(camera.image_name)}) {
+       {camera.image_name, FileStem(camera.image_name)}) {
     if (CanonicalCameraName(name) == camera.name) return name;
   }
   return camera.name;

@@ -5,6 +5,7 @@
 #include <map>
 #include <numeric>
 
+#include "src/sensor/image_name.h"
 #include "src/util/errors.h"
 #include "src/util/parse_number.h"
 
@@ -102,14 +103,14 @@ std::vector<std::function<std::string(const std::string&)>> Rules() {
   };
   const auto part = [](bool before, bool first) {
     return [before, first](const std::string& name) {
-      const std::string stem = ImageStem(name);
+      const std::string stem = FileStem(name);
       const size_t position =
           first ? stem.find_first_of("_-.") : stem.find_last_of("_-.");
       if (position == std::string::npos) return std::string();
       return before ? stem.substr(0, position) : stem.substr(position + 1);
     };
   };
-  return {ImageStem,
+  return {FileStem,
           folder(0),
           folder(1),
           folder(2),

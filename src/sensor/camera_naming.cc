@@ -2,68 +2,18 @@
 
 #include <algorithm>
 #include <set>
-#include <stdexcept>
 
-#include <boost/regex.hpp>
-
-#include "src/util/errors.h"
+#include "src/sensor/image_name.h"
 
 namespace mfir {
 namespace {
 
+constexpr const char* kRegexOption = "camera_name_regex";
 const char* const kPaperRegex = R"(camera(\d+)_frame\d+)";
-constexpr size_t kMaxShownLength = 100;
-const char* const kSeparators = "/\\";
-
 bool IsNumber(const std::string& name) {
   return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
     return c >= '0' && c <= '9';
   });
-}
-
-// The text of the regex's group, "" if it does not match. Boost gives up where
-// std::regex runs for ever (nested repeats) or overflows the stack (long
-// names). Throws UsageError then.
-std::string Captured(const std::string& text,
-                     const boost::regex& regex,
-                     const std::string& option = "camera_name_regex") {
-  try {
-    boost::smatch match;
-    return boost::regex_search(text, match, regex) ? match[1].str() : "";
-  } catch (const std::runtime_error&) {
-    throw UsageError(option + " '" + regex.str() +
-                     "' is too complex to match the image name '" +
-                     text.substr(0, kMaxShownLength) +
-                     "'. Avoid repeats of repeats, such as (?:a+)+.");
-  }
-}
-
-void CheckRegex(const std::string& option, const std::string& regex) {
-  unsigned num_groups = 0;
-  try {
-    num_groups = boost::regex(regex).mark_count();
-  } catch (const std::runtime_error& error) {
-    throw UsageError(option + " '" + regex +
-                     "' is not a valid regular expression (" + error.what() +
-                     "). Use Perl syntax, e.g. 'camera(\\d+)_'.");
-  }
-  if (num_groups != 1) {
-    throw UsageError(option + " '" + regex + "' has " +
-                     std::to_string(num_groups) +
-                     " capture groups. Give exactly one, around the " +
-                     (option == "camera_name_regex" ? "camera" : "frame") +
-                     " name, and write other groups as (?:...).");
-  }
-}
-
-// "cam07/a/000123.jpg" -> "cam07", "" if there is no folder.
-std::string FirstFolder(const std::string& image_name) {
-  const size_t begin = image_name.find_first_not_of(kSeparators);
-  if (begin == std::string::npos) {
-    return "";
-  }
-  const size_t end = image_name.find_first_of(kSeparators, begin);
-  return end == std::string::npos ? "" : image_name.substr(begin, end - begin);
 }
 
 template <typename Rule>
@@ -89,14 +39,15 @@ bool AllDiffer(const std::vector<std::string>& names) {
 }  // namespace
 
 CameraNaming::CameraNaming(const std::string& regex) : regex_(regex) {
-  if (!regex.empty()) CheckRegex("camera_name_regex", regex);
+  if (!regex.empty()) NameRegex(kRegexOption, regex);
 }
 
 std::vector<std::string> CameraNaming::Names(
     const std::vector<std::string>& image_names) const {
   const auto regex_rule = [](const std::string& pattern) {
-    return [regex = boost::regex(pattern)](const std::string& image_name) {
-      return Captured(image_name, regex);
+    return [regex = NameRegex(kRegexOption, pattern)](
+               const std::string& image_name) {
+      return regex.Captured(image_name);
     };
   };
   if (!regex_.empty()) {
@@ -108,10 +59,10 @@ std::vector<std::string> CameraNaming::Names(
        {Apply(regex_rule(kPaperRegex), image_names),
         Apply(
             [this](const std::string& image_name) {
-              return WithoutName(ImageStem(image_name), frame_name_);
+              return WithoutName(FileStem(image_name), frame_name_);
             },
             image_names),
-        Apply(ImageStem, image_names),
+        Apply(FileStem, image_names),
         Apply(FirstFolder, image_names)}) {
     if (!AllNamed(names)) {
       continue;
@@ -124,7 +75,7 @@ std::vector<std::string> CameraNaming::Names(
     }
   }
   // Only names without any stem, such as "", fit no rule.
-  return fallback.empty() ? Apply(ImageStem, image_names) : fallback;
+  return fallback.empty() ? Apply(FileStem, image_names) : fallback;
 }
 
 CameraNaming CameraNaming::OfFrame(const std::string& frame_name) const {
@@ -135,7 +86,7 @@ CameraNaming CameraNaming::OfFrame(const std::string& frame_name) const {
 
 std::string CameraNaming::CameraName(const std::string& name) const {
   const std::string captured =
-      regex_.empty() ? "" : Captured(name, boost::regex(regex_));
+      regex_.empty() ? "" : NameRegex(kRegexOption, regex_).Captured(name);
   return CanonicalCameraName(captured.empty() ? name : captured);
 }
 
@@ -161,16 +112,6 @@ bool CameraNameLess(const std::string& a, const std::string& b) {
              : canonical_a < canonical_b;
 }
 
-std::string ImageStem(const std::string& image_name) {
-  const size_t separator = image_name.find_last_of(kSeparators);
-  const std::string file_name = separator == std::string::npos
-                                    ? image_name
-                                    : image_name.substr(separator + 1);
-  const size_t dot = file_name.rfind('.');
-  return dot == std::string::npos || dot == 0 ? file_name
-                                              : file_name.substr(0, dot);
-}
-
 std::string WithoutName(const std::string& text, const std::string& name) {
   const std::string separators = "_-.";
   if (name.empty() || text.size() < name.size() + 2) return "";
@@ -184,13 +125,6 @@ std::string WithoutName(const std::string& text, const std::string& name) {
     return text.substr(0, num_rest);
   }
   return "";
-}
-
-std::string CapturedText(const std::string& option,
-                         const std::string& regex,
-                         const std::string& text) {
-  CheckRegex(option, regex);
-  return Captured(text, boost::regex(regex), option);
 }
 
 }  // namespace mfir

@@ -50,22 +50,8 @@ class CameraNaming {
 // "000012" -> "12"; other names unchanged.
 std::string CanonicalCameraName(const std::string& name);
 
-// "a/cam07.png" -> "cam07".
-std::string ImageStem(const std::string& image_name);
-
 // What is left of "NAME_rest" or "rest_NAME"; "" if `text` is neither. One of
 // "_-." separates.
 std::string WithoutName(const std::string& text, const std::string& name);
-
-// The text of the regex's group (Perl syntax, one capture group), "" if it does
-// not match. Throws UsageError, naming `option`, for a regex that is not valid,
-// has not exactly one group, or is too complex for the text.
-std::string CapturedText(const std::string& option,
-                         const std::string& regex,
-                         const std::string& text);
-
-// Numbers by value before text, text alphabetically: the order of cameras in
-// all outputs.
-bool CameraNameLess(const std::string& a, const std::string& b);
 
 }  // namespace mfir

@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 
+#include "src/sensor/image_name.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -45,7 +46,7 @@ class LayoutFinder {
       const size_t slash = path.find('/');
       if (slash == std::string::npos) continue;
       const std::string folder = path.substr(0, slash);
-      const std::string stem = ImageStem(path);
+      const std::string stem = FileStem(path);
       const std::string rest = WithoutName(stem, folder);
       images.push_back({path,
                         rest.empty() ? stem : rest,
@@ -68,13 +69,11 @@ class LayoutFinder {
                    std::move(images));
   }
 
-  ImageReading ByRegexes(const std::string& frame_name_regex) const {
+  ImageReading ByRegexes(const NameRegex& frame_regex) const {
     std::vector<LocatedImage> images;
     for (const std::string& path : paths_) {
       LocatedImage image{
-          path,
-          CapturedText(kFrameRegexOption, frame_name_regex, path),
-          naming_.Names({path}).front()};
+          path, frame_regex.Captured(path), naming_.Names({path}).front()};
       if (!image.frame.empty()) images.push_back(std::move(image));
     }
     return Reading(ImageLayout::kByRegexes, std::move(images));
@@ -121,7 +120,7 @@ class LayoutFinder {
 
   // Of the places to split the name, the one with the longest camera.
   LocatedImage FlatImage(const std::string& path, bool camera_first) const {
-    const std::string stem = ImageStem(path);
+    const std::string stem = FileStem(path);
     LocatedImage image{path, "", ""};
     size_t longest = 0;
     for (size_t i = stem.find_first_of(kFlatSeparators); i != std::string::npos;
@@ -145,13 +144,12 @@ class LayoutFinder {
   const CameraNaming& naming_;
 };
 
-bool AgreesWith(const std::string& frame_name_regex,
-                const ImageReading& reading) {
+bool AgreesWith(const NameRegex& frame_regex, const ImageReading& reading) {
   return std::all_of(reading.images.begin(),
                      reading.images.end(),
                      [&](const LocatedImage& image) {
-                       const std::string frame = CapturedText(
-                           kFrameRegexOption, frame_name_regex, image.path);
+                       const std::string frame =
+                           frame_regex.Captured(image.path);
                        return frame.empty() || frame == image.frame;
                      });
 }
@@ -208,7 +206,7 @@ ImageReading FindImageLayout(const std::vector<std::string>& paths,
                              const std::string& frame_name_regex) {
   const LayoutFinder finder(paths, rig_cameras, naming);
   if (!frame_name_regex.empty() && !naming.Regex().empty()) {
-    return finder.ByRegexes(frame_name_regex);
+    return finder.ByRegexes(NameRegex(kFrameRegexOption, frame_name_regex));
   }
   std::vector<ImageReading> readings = {finder.ByFrame(),
                                         finder.ByCamera(),
@@ -223,8 +221,9 @@ ImageReading FindImageLayout(const std::vector<std::string>& paths,
       [](const ImageReading& reading) { return reading.first_known < 0; });
   if (readings.empty()) return by_frame;
   if (!frame_name_regex.empty()) {
+    const NameRegex frame_regex(kFrameRegexOption, frame_name_regex);
     remove_if([&](const ImageReading& reading) {
-      return !AgreesWith(frame_name_regex, reading);
+      return !AgreesWith(frame_regex, reading);
     });
     if (readings.empty()) {
       throw InputError(
