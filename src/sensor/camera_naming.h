@@ -54,4 +54,8 @@ std::string CanonicalCameraName(const std::string& name);
 // "_-." separates.
 std::string WithoutName(const std::string& text, const std::string& name);
 
+// Numbers by value before text, text alphabetically: the order of cameras in
+// all outputs.
+bool CameraNameLess(const std::string& a, const std::string& b);
+
 }  // namespace mfir
