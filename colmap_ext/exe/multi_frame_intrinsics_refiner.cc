@@ -63,6 +63,8 @@ RunReport MakeReport(const RefinerOptions& options,
   report.image_path = options.image_path;
   report.stages = progress->Stages();
   report.timings_s = progress->Timings();
+  report.output_types = options.OutputTypes();
+  report.limits = options.limits;
   return report;
 }
 
@@ -100,6 +102,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   for (const std::string& remark : written.remarks) progress.Log(remark);
   progress.Log("Written to " + written.path);
   ThrowUnlessConverged(result, multi_frame.max_num_iterations, written.path);
+  ThrowIfOutsideLimits(written.violations, written.path);
 }
 
 }  // namespace

@@ -125,6 +125,8 @@ RefinerInputs ReadInputs(const RefinerOptions& options,
                        options.extrinsics_format,
                        CameraNaming(multi_frame.camera_name_regex),
                        options.extrinsics_pixel_offset);
+  inputs.rig.scale_intrinsics = options.scale_intrinsics;
+  for (const std::string& remark : inputs.rig.remarks) progress->Log(remark);
   inputs.true_cameras = ReadTrueCameras(options);
   Capture capture = ReadCapture(
       options.input_path, options.frame_list_path, inputs.rig, multi_frame);

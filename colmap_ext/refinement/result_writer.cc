@@ -12,6 +12,7 @@
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/refinement/capture_model.h"
+#include "colmap_ext/rigs/rig_io.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -392,6 +393,8 @@ Json MakeSummary(const OptionParser& options,
         {"modes", MakeModes(result)}}},
       {"timings_s", timings},
       {"peak_rss_bytes", PeakRss()}};
+  summary["result"]["limits_exceeded"] =
+      ViolationsToJson(FindViolations(report.limits, summary["cameras"]));
   if (!report.evaluation.is_null()) {
     summary["evaluation"] = report.evaluation;
   }
@@ -399,14 +402,18 @@ Json MakeSummary(const OptionParser& options,
 }
 
 const std::vector<std::string>& ResultNames() {
-  static const std::vector<std::string> names = {"rig_given",
-                                                 "rig",
-                                                 "frames",
-                                                 "model",
-                                                 "KRT",
-                                                 "history.csv",
-                                                 "project.ini",
-                                                 "summary.json"};
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> names = {
+        "rig_given", "rig", "frames", "model", "KRT"};
+    for (const RigFormat& format : RigFormats()) {
+      if (std::find(names.begin(), names.end(), format.result_name) ==
+          names.end()) {
+        names.push_back(format.result_name);
+      }
+    }
+    names.insert(names.end(), {"history.csv", "project.ini", "summary.json"});
+    return names;
+  }();
   return names;
 }
 
@@ -450,12 +457,23 @@ WrittenResult WriteResult(const OptionParser& options,
       written.remarks.push_back("KRT cannot hold the distortion of camera '" +
                                 name + "'; it has zeros there.");
     }
+    for (const std::string& type : report.output_types) {
+      const RigFormat& format =
+          FindRigFormat("--MultiFrame.output_types", type);
+      // Always written, above.
+      if (format.result_name == "rig" || format.result_name == "KRT") continue;
+      const RigRemarks remarks = WriteRig(
+          (path / format.result_name).string(), format, result.cameras);
+      written.remarks.insert(
+          written.remarks.end(), remarks.begin(), remarks.end());
+    }
     options.Write((path / "project.ini").string());
     WriteTextFile(path / "history.csv", MakeHistory(report.stages));
-    WriteTextFile(path / "summary.json",
-                  MakeSummary(options, tracks, result, report)
-                          .dump(2, ' ', false, Json::error_handler_t::replace) +
-                      "\n");
+    const Json summary = MakeSummary(options, tracks, result, report);
+    written.violations = FindViolations(report.limits, summary["cameras"]);
+    WriteTextFile(
+        path / "summary.json",
+        summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
     written.path = output->Publish(result.status == "converged").string();
   } catch (const fs::filesystem_error& error) {
     throw OutputError(std::string("--output_path: ") + error.what() + ".");
