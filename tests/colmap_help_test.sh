@@ -3,8 +3,8 @@
 # of COLMAP's own beside them, each exactly once.
 set -euo pipefail
 
-ours="multi_frame_evaluator multi_frame_intrinsics_refiner multi_frame_simulator
-  multi_frame_triangulator"
+ours="multi_frame_evaluator multi_frame_intrinsics_refiner multi_frame_reporter
+  multi_frame_simulator multi_frame_triangulator"
 shared="help gui automatic_reconstructor bundle_adjuster color_extractor
   database_cleaner database_creator database_merger exhaustive_matcher
   feature_extractor feature_importer hierarchical_mapper image_deleter

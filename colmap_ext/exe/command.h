@@ -12,6 +12,7 @@ int RunCommand(const std::function<void()>& body);
 
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
 int RunMultiFrameEvaluator(int argc, char** argv);
+int RunMultiFrameReporter(int argc, char** argv);
 int RunMultiFrameSimulator(int argc, char** argv);
 int RunMultiFrameTriangulator(int argc, char** argv);
 

@@ -1,4 +1,4 @@
-// What the refiner writes (README.md, "Output").
+// What the refiner writes (docs/formats.md).
 
 #pragma once
 
@@ -23,6 +23,7 @@ struct RunReport {
   std::vector<std::pair<std::string, double>> timings_s;
   nlohmann::ordered_json inputs;
   nlohmann::ordered_json evaluation;  // null without a ground truth
+  bool write_page = true;             // report.html
 };
 
 // The files and folders of a result, as OutputFolder takes them.

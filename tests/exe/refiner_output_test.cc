@@ -31,6 +31,7 @@ TEST_F(RefinerOutputTest, AllFilesOfTheResult) {
                                              "frames/frame000002/points3D.bin",
                                              "history.csv",
                                              "project.ini",
+                                             "report.html",
                                              "rig/cameras.bin",
                                              "rig/cameras.txt",
                                              "rig/images.bin",
@@ -61,7 +62,14 @@ TEST_F(RefinerOutputTest, SummaryHasTheKeysOfTheContract) {
                "result",
                "timings_s",
                "peak_rss_bytes",
-               "evaluation"});
+               "evaluation",
+               "created"});
+  expect_keys(summary["inputs"], {"files"});
+  EXPECT_GE(summary["inputs"]["files"].size(), 3 + 2 + 3 * 3);
+  for (const nlohmann::json& file : summary["inputs"]["files"]) {
+    EXPECT_EQ(file["bytes"], fs::file_size(file["path"].get<std::string>()));
+    EXPECT_EQ(file["sha256"].get<std::string>().size(), 64);
+  }
   expect_keys(summary["tool"], {"version", "colmap_version", "git"});
   for (const nlohmann::json& frame : summary["frames"]) {
     expect_keys(frame,
