@@ -18,6 +18,8 @@ constexpr double kHighRms = 2.0;
 constexpr double kHighHeldOut = 1.3;
 // Standard deviation of the common focal scale, permille.
 constexpr double kWeakFocalScale = 2.0;
+// Ratio of fx to fy less 1 of the median camera, permille.
+constexpr double kOddAspect = 10.0;
 // Share of the cells of the image grid without any observation.
 constexpr double kPoorCoverage = 0.6;
 
@@ -159,6 +161,26 @@ Finding ModesFinding(const Report& report) {
   return {Health::kGood, text + "."};
 }
 
+// Pixels are square today. Where all cameras seem to have others, the known
+// poses do not fit the images.
+void AddAspectFinding(const Report& report, std::vector<Finding>* findings) {
+  std::vector<double> aspects;
+  for (const ReportCamera& camera : report.cameras) {
+    const std::vector<size_t>& idxs = camera.model->FocalLengthIdxs();
+    if (idxs.size() < 2) continue;
+    aspects.push_back(1000.0 *
+                      (camera.params[idxs[0]] / camera.params[idxs[1]] - 1.0));
+  }
+  if (aspects.empty() || !(std::abs(Median(aspects)) > kOddAspect)) return;
+  findings->push_back(
+      {Health::kLook,
+       "The focal lengths along x and y of the median camera differ by " +
+           Signed(Median(aspects), 1) +
+           " &permil;. Pixels are usually square; errors of the known poses "
+           "look like this. Say how exact they are "
+           "(<code>extrinsics_rotation_std_deg</code>)."});
+}
+
 // Cameras with findings of this health.
 std::string NamesOf(const Report& report, Health health, size_t* count) {
   std::string names;
@@ -284,6 +306,7 @@ std::vector<Finding> ResultFindings(const Report& report) {
   std::vector<Finding> findings = {
       StatusFinding(report), HeldOutFinding(report), ModesFinding(report)};
   AddCameraFindings(report, &findings);
+  AddAspectFinding(report, &findings);
   AddInputFindings(report, &findings);
   SortByGravity(&findings);
   return findings;

@@ -12,7 +12,7 @@
     var ce = Math.cos(elevation), se = Math.sin(elevation);
     var x = ca * p[0] + sa * p[1], y = -sa * p[0] + ca * p[1];
     var depth = 6 - (ce * y + se * p[2]);
-    var scale = zoom * 2.1 * Math.min(width, height) / Math.max(depth, 0.5);
+    var scale = zoom * 2.7 * Math.min(width, height) / Math.max(depth, 0.5);
     return [width / 2 + scale * x, height / 2 - scale * (ce * p[2] - se * y), depth];
   }
 
@@ -45,7 +45,7 @@
     for (var i = 0; i < data.points.length; i += 4) {
       var p = project(data.points.slice(i, i + 3));
       context.fillStyle = "#" + (0x1000000 + data.points[i + 3]).toString(16).slice(1);
-      context.fillRect(p[0], p[1], 1.7, 1.7);
+      context.fillRect(p[0], p[1], 2, 2);
     }
     data.cameras.forEach(function (camera, i) {
       drawCamera(context, camera, i === hovered || camera.health === "bad");
