@@ -74,8 +74,9 @@ function(mfir_prepare_colmap source_dir output_dir)
             "src/colmap/exe/colmap.cc in it). Give the folder that contains COLMAP's top CMakeLists.txt, or "
             "run scripts/quickstart.sh, which gets the distribution's source package.")
     endif()
-    file(STRINGS "${source_dir}/CMakeLists.txt" version_line REGEX "set\\(COLMAP_VERSION \"[0-9.]+\"\\)")
-    string(REGEX REPLACE ".*\"([0-9.]+)\".*" "\\1" version "${version_line}")
+    # "4.2.0.dev0" between releases.
+    file(STRINGS "${source_dir}/CMakeLists.txt" version_line REGEX "set\\(COLMAP_VERSION \"[0-9.]+")
+    string(REGEX REPLACE ".*\"([0-9]+(\\.[0-9]+)*).*" "\\1" version "${version_line}")
     set(MFIR_COLMAP_VERSION "${version}" PARENT_SCOPE)
     # 4.0 has other interfaces of features and bundle adjustment.
     if(NOT (version VERSION_EQUAL 3.8 OR (version VERSION_GREATER_EQUAL 4.1 AND version VERSION_LESS 5)))

@@ -6,6 +6,8 @@
 MFIR_ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)
 BUILD_PATH=$MFIR_ROOT/build
 COLMAP_SOURCE=
+COLMAP_VERSION=
+COLMAP_REPOSITORY=https://github.com/colmap/colmap.git
 POSELIB_SOURCE=
 MIN_FREE_MB=1000
 
@@ -15,7 +17,7 @@ PACKAGES=(
   libboost-graph-dev libboost-program-options-dev
   libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
   libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
-  libmetis-dev libopencv-core-dev libopencv-dnn-dev
+  libmetis-dev libopencv-core-dev libopencv-dnn-dev libopencv-features2d-dev
   libsqlite3-dev libssl-dev nlohmann-json3-dev
 )
 # Of COLMAP 3.x, and of 4.x.
@@ -32,6 +34,7 @@ common_options() {
   --colmap_source DIR  own COLMAP source tree (it is copied, never written to;
                        default: that of the last run, else the distribution's
                        source package is downloaded)
+  --colmap_version V   get COLMAP's release V, 3.8 or 4.1.1, with git clone
   --poselib_source DIR own tree of PoseLib, which COLMAP 4.x needs (default: its
                        build downloads it)
   --build_path DIR     where to build (default: build in the project's folder)
@@ -42,6 +45,11 @@ OPTIONS
 # is_colmap DIR: whether it is a source tree of COLMAP, 3.x or 4.x.
 is_colmap() {
   [[ -f $1/src/exe/colmap.cc || -f $1/src/colmap/exe/colmap.cc ]]
+}
+
+# is_supported VERSION: whether there is a host for that version of COLMAP.
+is_supported() {
+  [[ $1 =~ ^(3\.8|4\.[1-9][0-9]*(\.[0-9]+)*)$ ]]
 }
 
 # Each script defines usage(). The exit code is that of the programs.
@@ -58,18 +66,25 @@ parse_common_option() {
     --colmap_source | --poselib_source | --build_path)
       [[ -n ${2-} ]] || usage_error "$1 needs a folder"
       ;;
+    --colmap_version)
+      is_supported "${2-}" || usage_error "$1 must be 3.8, or 4.1 or a later 4.x, such as 4.1.1"
+      ;;
     *) usage_error "unknown option: $1" ;;
   esac
   if [[ $1 == --colmap_source ]]; then
     is_colmap "$2" || die "--colmap_source: '$2' is not a COLMAP" \
       "source tree (there is no src/exe/colmap.cc or src/colmap/exe/colmap.cc in it)"
     COLMAP_SOURCE=$(realpath "$2")
+  elif [[ $1 == --colmap_version ]]; then
+    COLMAP_VERSION=$2
   elif [[ $1 == --poselib_source ]]; then
     [[ -f $2/CMakeLists.txt ]] || die "--poselib_source: there is no CMakeLists.txt in '$2'"
     POSELIB_SOURCE=$(realpath "$2")
   else
     BUILD_PATH=$(realpath -m "$2")
   fi
+  [[ -z $COLMAP_SOURCE || -z $COLMAP_VERSION ]] ||
+    usage_error "give --colmap_source or --colmap_version, not both"
 }
 
 # run_step TEXT LOG_NAME COMMAND...: one line of progress, output to a log that
@@ -183,7 +198,7 @@ pick_colmap_version() {
   while read -r version; do
     upstream=${version#*:}
     upstream=${upstream%-*}
-    if [[ ${upstream%%[+~]*} =~ ^(3\.8|4\.[1-9][0-9.]*)$ ]]; then
+    if is_supported "${upstream%%[+~]*}"; then
       echo "$version"
       return
     fi
@@ -208,7 +223,8 @@ download_colmap() {
     printf '%s\n' "" \
       "The apt sources of this machine offer no source package of a COLMAP version that is" \
       "supported (3.8, 4.1 and later 4.x; offered: ${offered:-none; is the network up?}). Get a" \
-      "source tree by other means and give it with --colmap_source DIR."
+      "release with --colmap_version 4.1.1, which does the following, or give an own tree:" \
+      "git clone --depth 1 --branch 4.1.1 $COLMAP_REPOSITORY && $0 --colmap_source colmap"
     return 1
   fi
   (cd "$1" && apt-get "${apt[@]}" source --download-only "colmap=$version") || return 1
@@ -216,9 +232,27 @@ download_colmap() {
   tar -xf "$1"/colmap_*.orig.tar.* -C "$1/colmap" --strip-components=1
 }
 
-# Sets COLMAP_SOURCE, unless given: the tree of the last run, else a download.
+# clone_colmap FOLDER: the release COLMAP_VERSION.
+clone_colmap() {
+  rm -rf "$1"
+  git -c advice.detachedHead=false clone --depth 1 --branch "$COLMAP_VERSION" "$COLMAP_REPOSITORY" "$1" &&
+    return
+  echo "The release $COLMAP_VERSION cannot be cloned: is it a tag there, and is the network up?"
+  return 1
+}
+
+# Sets COLMAP_SOURCE, unless given: the release that is asked for, the tree of
+# the last run, else a download.
 find_colmap_source() {
   [[ -z $COLMAP_SOURCE ]] || return 0
+  if [[ -n $COLMAP_VERSION ]]; then
+    COLMAP_SOURCE=$BUILD_PATH/colmap-$COLMAP_VERSION
+    [[ ! -d $COLMAP_SOURCE ]] || return 0
+    command -v git >/dev/null || die "git is missing: install it, or give a tree with --colmap_source DIR"
+    run_step "Cloning COLMAP $COLMAP_VERSION" colmap_clone clone_colmap "$COLMAP_SOURCE.partial"
+    mv "$COLMAP_SOURCE.partial" "$COLMAP_SOURCE"
+    return
+  fi
   local cache=$BUILD_PATH/CMakeCache.txt download=$BUILD_PATH/colmap_download
   if [[ -f $cache ]]; then
     COLMAP_SOURCE=$(sed -n 's/^MFIR_COLMAP_SOURCE:[A-Z]*=//p' "$cache")

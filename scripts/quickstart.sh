@@ -63,8 +63,8 @@ fi
   --extrinsics_path "$capture/rig" --output_path "$frames" ||
   die "the triangulation failed with exit code $?, see above"
 "$colmap" multi_frame_intrinsics_refiner --input_path "$frames" \
-  --extrinsics_path "$capture/rig" --ground_truth_path "$capture/ground_truth" \
-  --output_path "$refined" ||
+  --image_path "$capture/images" --extrinsics_path "$capture/rig" \
+  --ground_truth_path "$capture/ground_truth" --output_path "$refined" ||
   die "the refinement failed with exit code $?, see above"
 run_step "Evaluating the start" evaluator_before \
   "$colmap" multi_frame_evaluator --input_path "$capture/rig" \

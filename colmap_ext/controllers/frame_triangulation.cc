@@ -41,7 +41,7 @@ std::vector<DatabaseImage> ReadImages(const CameraNaming& naming,
       continue;
     }
     const RigCamera& camera = cameras[it->second];
-    DatabaseImage image{database_images[i].ImageId(), names[i], it->second, {}};
+    DatabaseImage image{database_images[i].ImageId(), names[i], it->second};
     const host::camera_t camera_id = database_images[i].CameraId();
     if (database.ExistsCamera(camera_id)) {
       const host::Camera stored = database.ReadCamera(camera_id);
@@ -147,14 +147,17 @@ size_t NumVerifiedPairs(const host::Database& database,
 
 }  // namespace
 
-host::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
-                                      const CameraNaming& naming,
-                                      const std::vector<RigCamera>& cameras,
-                                      int num_threads,
-                                      host::Database* database,
-                                      FrameStatistics* statistics,
-                                      FrameTimings* timings,
-                                      std::vector<std::string>* warnings) {
+host::Reconstruction TriangulateFrame(
+    const TriangulatorOptions& options,
+    const CameraNaming& naming,
+    const std::vector<RigCamera>& cameras,
+    const std::vector<std::pair<size_t, size_t>>& pairs,
+    int num_threads,
+    const ProgressFunction& progress,
+    host::Database* database,
+    FrameStatistics* statistics,
+    FrameTimings* timings,
+    std::vector<std::string>* warnings) {
   host::Timer timer;
   timer.Start();
   std::vector<DatabaseImage> images =
@@ -162,7 +165,14 @@ host::Reconstruction TriangulateFrame(const TriangulatorOptions& options,
   statistics->num_images = images.size();
   if (database->NumInlierMatches() == 0) {
     const host::DatabaseTransaction transaction(database);
-    VerifyMatches(options, cameras, images, num_threads, database, statistics);
+    VerifyMatches(options,
+                  cameras,
+                  images,
+                  pairs,
+                  num_threads,
+                  progress,
+                  database,
+                  statistics);
   }
   if (NumVerifiedPairs(*database, options.min_num_matches, statistics) == 0) {
     throw InputError(

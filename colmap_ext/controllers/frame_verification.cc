@@ -1,10 +1,12 @@
 #include "colmap_ext/controllers/frame_verification.h"
 
 #include <algorithm>
-#include <cmath>
-#include <limits>
+#include <atomic>
 #include <map>
 
+#include "colmap_ext/controllers/pair_tolerance.h"
+#include "src/estimators/epipolar_drift.h"
+#include "src/feature/descriptor_products.h"
 #include "src/feature/guided_matching.h"
 #include "src/geometry/epipolar_tolerance.h"
 #include "src/util/parallel_for.h"
@@ -12,229 +14,310 @@
 namespace mfir {
 namespace {
 
-// Keypoints are no better than this; pixels.
-constexpr double kMinTolerance = 1.0;
-// Pairs with at least so many right matches tell their own tolerance.
-constexpr size_t kMinInliersOfOwnTolerance = 30;
-// Of wrong pairs in a frame that pass the test: at most 10^-3 expected.
-constexpr double kMaxFalsePairs = 1e-3;
-// Random pairs of keypoints per match, to learn how wrong matches look.
-constexpr size_t kNumShifts = 20;
+// Keypoints of image 1 in the sample; all where these give too few matches.
+constexpr size_t kSampleSize = 1000;
+// Of each pair.
+constexpr size_t kMatchesForDrift = 200;
 
-struct ImagePair {
-  const DatabaseImage* image1 = nullptr;
-  const DatabaseImage* image2 = nullptr;
-  Eigen::Matrix3d essential_matrix;
-  host::FeatureMatches matches;
-  std::vector<double> errors;  // pixels, by match
-  double random_share = 0.0;   // see EstimateEpipolarTolerance
-  double max_error = 0.0;      // pixels
-  EpipolarTolerance estimate;
-  double tolerance = 0.0;
-  host::FeatureMatches inlier_matches;
-};
+// Calls function(i) for i in [0, count) on threads; then counts on.
+template <typename Function>
+void ForEach(size_t count,
+             int num_threads,
+             const ProgressFunction& progress,
+             const Function& function) {
+  std::atomic<size_t> num_done = 0;
+  ParallelForWithWorkers(
+      count,
+      std::max(1, num_threads),
+      []() { return 0; },
+      [&](int, size_t i) {
+        function(i);
+        const size_t num = ++num_done;
+        if (progress) progress(num, count);
+      });
+}
 
-void ReadRays(const std::vector<RigCamera>& cameras,
-              const host::Database& database,
-              std::vector<DatabaseImage>* images) {
-  for (DatabaseImage& image : *images) {
-    const RigCamera& camera = cameras[image.camera_idx];
-    for (const auto& keypoint : database.ReadKeypoints(image.image_id)) {
-      Eigen::Vector2d uv;
-      camera.model->Unproject(
-          camera.params.data(), keypoint.x, keypoint.y, uv.data());
-      image.rays.push_back(uv.homogeneous().normalized());
+std::vector<MatchingImage> ReadImages(const TriangulatorOptions& options,
+                                      const std::vector<RigCamera>& cameras,
+                                      const std::vector<DatabaseImage>& images,
+                                      const host::Database& database) {
+  std::vector<MatchingImage> result;
+  for (const DatabaseImage& source : images) {
+    const RigCamera& camera = cameras[source.camera_idx];
+    MatchingImage image;
+    image.image_id = source.image_id;
+    image.camera_idx = source.camera_idx;
+    image.focal_length = MeanFocalLength(camera);
+    image.keypoints = database.ReadKeypoints(source.image_id);
+    if (options.feature_matching.guided_matching) {
+      image.descriptors = host::ReadDescriptors(database, source.image_id);
     }
+    result.push_back(std::move(image));
   }
+  return result;
 }
 
-double MatchError(const ImagePair& pair,
-                  const std::vector<RigCamera>& cameras,
-                  size_t idx1,
-                  size_t idx2) {
-  // Also false for a keypoint outside of what the lens model can invert.
-  const double error =
-      EpipolarError(pair.essential_matrix,
-                    pair.image1->rays[idx1],
-                    pair.image2->rays[idx2],
-                    MeanFocalLength(cameras[pair.image1->camera_idx]),
-                    MeanFocalLength(cameras[pair.image2->camera_idx]));
-  return std::isfinite(error) ? error : std::numeric_limits<double>::max();
+// Of other extractors' databases some have no descriptors, or none that can be
+// compared as SIFT's are.
+bool HasSiftDescriptors(const MatchingImage& image) {
+  return image.descriptors.data.cols() == kSiftDescriptorSize &&
+         static_cast<size_t>(image.descriptors.data.rows()) ==
+             image.keypoints.size();
 }
 
-// Errors of the matches, and of random pairs of the same keypoints.
-void ComputeErrors(const std::vector<RigCamera>& cameras, ImagePair* pair) {
-  const size_t n = pair->matches.size();
-  for (const host::FeatureMatch& match : pair->matches) {
-    pair->errors.push_back(
-        MatchError(*pair, cameras, match.point2D_idx1, match.point2D_idx2));
+// Without matches; nothing where the epipolar geometry is not defined.
+void AddPair(const TriangulatorOptions& options,
+             const std::vector<RigCamera>& cameras,
+             const MatchingImage& image1,
+             const MatchingImage& image2,
+             std::vector<MatchingPair>* pairs) {
+  const RigCamera& camera1 = cameras[image1.camera_idx];
+  const RigCamera& camera2 = cameras[image2.camera_idx];
+  MatchingPair pair;
+  pair.image1 = &image1;
+  pair.image2 = &image2;
+  pair.essential_matrix =
+      EssentialMatrix(camera1.cam_from_world, camera2.cam_from_world);
+  if (!pair.essential_matrix.allFinite()) return;
+  pair.max_error =
+      options.max_epipolar_error *
+      std::max({camera1.width, camera1.height, camera2.width, camera2.height});
+  pair.is_guided = options.feature_matching.guided_matching &&
+                   HasSiftDescriptors(image1) && HasSiftDescriptors(image2);
+  pairs->push_back(std::move(pair));
+}
+
+std::vector<MatchingPair> PairsOfCameras(
+    const TriangulatorOptions& options,
+    const std::vector<RigCamera>& cameras,
+    const std::vector<MatchingImage>& images,
+    const std::vector<std::pair<size_t, size_t>>& camera_pairs) {
+  std::map<size_t, const MatchingImage*> images_by_camera;
+  for (const MatchingImage& image : images) {
+    images_by_camera[image.camera_idx] = &image;
   }
-  // Laplace's rule keeps the share above 0.
-  size_t num_random = 2;
-  size_t num_within = 1;
-  for (size_t shift = 1; shift < std::min(n, kNumShifts + 1); ++shift) {
-    for (size_t i = 0; i < n; ++i) {
-      const double error =
-          MatchError(*pair,
-                     cameras,
-                     pair->matches[i].point2D_idx1,
-                     pair->matches[(i + shift) % n].point2D_idx2);
-      num_within += error <= pair->max_error;
-      ++num_random;
+  std::vector<MatchingPair> pairs;
+  for (const auto& [idx1, idx2] : camera_pairs) {
+    const auto image1 = images_by_camera.find(idx1);
+    const auto image2 = images_by_camera.find(idx2);
+    if (image1 == images_by_camera.end() || image2 == images_by_camera.end()) {
+      continue;
     }
+    AddPair(options, cameras, *image1->second, *image2->second, &pairs);
   }
-  pair->random_share = static_cast<double>(num_within) / num_random;
-  pair->estimate = EstimateEpipolarTolerance(
-      pair->errors, pair->random_share, kMinTolerance, pair->max_error);
+  return pairs;
 }
 
-std::vector<ImagePair> ReadPairs(const TriangulatorOptions& options,
-                                 const std::vector<RigCamera>& cameras,
-                                 const std::vector<DatabaseImage>& images,
-                                 const host::Database& database) {
-  std::map<host::image_t, const DatabaseImage*> images_by_id;
-  for (const DatabaseImage& image : images)
+std::vector<MatchingPair> PairsOfDatabase(
+    const TriangulatorOptions& options,
+    const std::vector<RigCamera>& cameras,
+    const std::vector<MatchingImage>& images,
+    const host::Database& database) {
+  std::map<host::image_t, const MatchingImage*> images_by_id;
+  for (const MatchingImage& image : images) {
     images_by_id[image.image_id] = &image;
-  std::vector<ImagePair> pairs;
-  for (auto& [pair_id, matches] : database.ReadAllMatches()) {
+  }
+  std::vector<MatchingPair> pairs;
+  for (const auto& [pair_id, matches] : database.ReadAllMatches()) {
     const auto [id1, id2] = host::PairIdToImagePair(pair_id);
     if (images_by_id.count(id1) == 0 || images_by_id.count(id2) == 0) continue;
-    ImagePair pair;
-    pair.image1 = images_by_id[id1];
-    pair.image2 = images_by_id[id2];
+    const size_t num_before = pairs.size();
+    AddPair(options, cameras, *images_by_id[id1], *images_by_id[id2], &pairs);
+    if (pairs.size() == num_before) continue;
+    MatchingPair& pair = pairs.back();
     for (const host::FeatureMatch& match : matches) {
       if (match.point2D_idx1 < pair.image1->rays.size() &&
           match.point2D_idx2 < pair.image2->rays.size()) {
-        pair.matches.push_back(match);
+        pair.stored_matches.push_back(match);
       }
-    }
-    const RigCamera& camera1 = cameras[pair.image1->camera_idx];
-    const RigCamera& camera2 = cameras[pair.image2->camera_idx];
-    pair.essential_matrix =
-        EssentialMatrix(camera1.cam_from_world, camera2.cam_from_world);
-    pair.max_error =
-        options.max_epipolar_error *
-        std::max(
-            {camera1.width, camera1.height, camera2.width, camera2.height});
-    if (pair.matches.size() >= static_cast<size_t>(options.min_num_inliers) &&
-        pair.essential_matrix.allFinite()) {
-      ComputeErrors(cameras, &pair);
-      pairs.push_back(std::move(pair));
     }
   }
   return pairs;
 }
 
-// Pairs with few matches take the tolerance of the others.
-void SetTolerances(std::vector<ImagePair>* pairs) {
-  std::vector<double> tolerances;
-  for (const ImagePair& pair : *pairs) {
-    if (pair.estimate.num_inliers >= kMinInliersOfOwnTolerance) {
-      tolerances.push_back(pair.estimate.tolerance);
-    }
-  }
-  for (ImagePair& pair : *pairs) {
-    const bool is_own = tolerances.empty() ||
-                        pair.estimate.num_inliers >= kMinInliersOfOwnTolerance;
-    pair.tolerance = is_own
-                         ? pair.estimate.tolerance
-                         : std::min(Quantile(tolerances, 0.5), pair.max_error);
-  }
-}
-
-// Keeps the matches within the tolerance; drops pairs whose number of these
-// could be chance.
-void SelectInliers(const TriangulatorOptions& options,
-                   std::vector<ImagePair>* pairs) {
-  const double max_log_nfa = std::log(kMaxFalsePairs / pairs->size());
-  for (ImagePair& pair : *pairs) {
-    for (size_t i = 0; i < pair.matches.size(); ++i) {
-      if (pair.errors[i] <= pair.tolerance) {
-        pair.inlier_matches.push_back(pair.matches[i]);
-      }
-    }
-    const size_t num_inliers = pair.inlier_matches.size();
-    if (num_inliers < static_cast<size_t>(options.min_num_inliers) ||
-        LogNumFalseAlarms(pair.matches.size(),
-                          num_inliers,
-                          pair.tolerance,
-                          pair.random_share,
-                          pair.max_error) > max_log_nfa) {
-      pair.inlier_matches.clear();
-    }
-  }
-  pairs->erase(std::remove_if(pairs->begin(),
-                              pairs->end(),
-                              [](const ImagePair& pair) {
-                                return pair.inlier_matches.empty();
-                              }),
-               pairs->end());
-}
-
-// Of other extractors' databases some have no descriptors, or such that
-// COLMAP's matching cannot take.
-bool HasSiftDescriptors(const DatabaseImage& image,
-                        const host::FeatureDescriptors& descriptors) {
-  return descriptors.data.cols() == 128 &&
-         static_cast<size_t>(descriptors.data.rows()) == image.rays.size();
-}
-
-// Matches again with only the keypoints near the epipolar line as candidates.
-void MatchPairsGuided(const TriangulatorOptions& options,
-                      const std::vector<RigCamera>& cameras,
-                      const host::Database& database,
-                      int num_threads,
-                      std::vector<ImagePair>* pairs) {
-  std::map<const DatabaseImage*, host::FeatureDescriptors> descriptors;
-  for (const ImagePair& pair : *pairs) {
-    for (const DatabaseImage* image : {pair.image1, pair.image2}) {
-      if (descriptors.count(image) > 0) continue;
-      descriptors[image] = host::ReadDescriptors(database, image->image_id);
-    }
-  }
-  const auto features = [&](const DatabaseImage& image) {
-    const RigCamera& camera = cameras[image.camera_idx];
-    return ImageFeatures{camera.cam_from_world,
-                         MeanFocalLength(camera),
-                         &image.rays,
-                         descriptors.at(&image).data.data()};
-  };
+IndexMatches Match(const TriangulatorOptions& options,
+                   const std::vector<RigCamera>& cameras,
+                   double max_error,
+                   size_t query_stride,
+                   const MatchingPair& pair) {
   const auto& sift = host::SiftMatching(options.feature_matching);
-  ParallelFor(pairs->size(), num_threads, [&](size_t i) {
-    ImagePair& pair = (*pairs)[i];
-    if (!HasSiftDescriptors(*pair.image1, descriptors.at(pair.image1)) ||
-        !HasSiftDescriptors(*pair.image2, descriptors.at(pair.image2))) {
-      return;
-    }
-    const auto matches = MatchGuided(
-        {pair.tolerance, sift.max_distance, sift.max_ratio, sift.cross_check},
-        features(*pair.image1),
-        features(*pair.image2));
-    if (matches.size() <= pair.inlier_matches.size()) return;
-    pair.inlier_matches.clear();
-    for (const auto& [idx1, idx2] : matches) {
-      pair.inlier_matches.emplace_back(idx1, idx2);
+  const auto features = [&](const MatchingImage& image) {
+    return ImageFeatures{cameras[image.camera_idx].cam_from_world,
+                         image.focal_length,
+                         &image.rays,
+                         image.descriptors.data.data()};
+  };
+  return MatchGuided({max_error,
+                      sift.max_distance,
+                      sift.max_ratio,
+                      sift.cross_check,
+                      query_stride},
+                     features(*pair.image1),
+                     features(*pair.image2));
+}
+
+// Sets the rays of the keypoints, corrected for the drift of the camera.
+void SetRays(const std::vector<RigCamera>& cameras,
+             const std::vector<PixelDrift>& drifts,
+             int num_threads,
+             std::vector<MatchingImage>* images) {
+  ForEach(images->size(), num_threads, {}, [&](size_t i) {
+    MatchingImage& image = (*images)[i];
+    const RigCamera& camera = cameras[image.camera_idx];
+    image.rays.clear();
+    for (const host::FeatureKeypoint& keypoint : image.keypoints) {
+      const Eigen::Vector2d xy = drifts[image.camera_idx].Correct(
+          camera, Eigen::Vector2d(keypoint.x, keypoint.y));
+      Eigen::Vector2d uv;
+      camera.model->Unproject(camera.params.data(), xy.x(), xy.y(), uv.data());
+      image.rays.push_back(uv.homogeneous().normalized());
     }
   });
 }
 
-void WriteTwoViewGeometries(const std::vector<RigCamera>& cameras,
-                            const std::vector<ImagePair>& pairs,
-                            host::Database* database) {
-  for (const ImagePair& pair : pairs) {
-    const Rigid3& pose1 = cameras[pair.image1->camera_idx].cam_from_world;
-    const Rigid3& pose2 = cameras[pair.image2->camera_idx].cam_from_world;
-    Rigid3 pose2_from_pose1;
-    pose2_from_pose1.rotation = pose2.rotation * pose1.rotation.conjugate();
-    pose2_from_pose1.translation =
-        pose2.translation - pose2_from_pose1.rotation * pose1.translation;
-    host::WriteCalibratedGeometry(pair.image1->image_id,
-                                  pair.image2->image_id,
-                                  pair.essential_matrix,
-                                  pose2_from_pose1,
-                                  pair.inlier_matches,
-                                  database);
+// Sets the sample and the tolerance that it tells.
+void Sample(const TriangulatorOptions& options,
+            const std::vector<RigCamera>& cameras,
+            MatchingPair* pair) {
+  if (!pair->is_guided) {
+    for (const host::FeatureMatch& match : pair->stored_matches) {
+      pair->sample.emplace_back(match.point2D_idx1, match.point2D_idx2);
+    }
+    EstimateTolerance(pair);
+    return;
   }
+  const size_t stride =
+      std::max<size_t>(1, pair->image1->rays.size() / kSampleSize);
+  pair->sample = Match(options, cameras, pair->max_error, stride, *pair);
+  EstimateTolerance(pair);
+  if (stride > 1 && !HasOwnTolerance(*pair)) {
+    pair->sample = Match(options, cameras, pair->max_error, 1, *pair);
+    EstimateTolerance(pair);
+  }
+}
+
+// What the right matches of the samples tell of the intrinsics.
+std::vector<PixelDrift> EstimateDrift(const std::vector<RigCamera>& cameras,
+                                      const std::vector<MatchingPair>& pairs) {
+  std::vector<EpipolarMatch> matches;
+  for (const MatchingPair& pair : pairs) {
+    if (CouldBeChance(pair, pairs.size())) continue;
+    const auto xy = [](const MatchingImage& image, uint32_t idx) {
+      return Eigen::Vector2d(image.keypoints[idx].x, image.keypoints[idx].y);
+    };
+    const size_t stride =
+        std::max<size_t>(1, pair.sample.size() / kMatchesForDrift);
+    for (size_t i = 0; i < pair.sample.size(); i += stride) {
+      if (pair.errors[i] > pair.tolerance) continue;
+      const auto [idx1, idx2] = pair.sample[i];
+      matches.push_back({pair.image1->camera_idx,
+                         pair.image2->camera_idx,
+                         xy(*pair.image1, idx1),
+                         xy(*pair.image2, idx2)});
+    }
+  }
+  return EstimateEpipolarDrift(cameras, matches);
+}
+
+double MedianTolerance(const std::vector<MatchingPair>& pairs) {
+  std::vector<double> tolerances;
+  for (const MatchingPair& pair : pairs) tolerances.push_back(pair.tolerance);
+  return Quantile(tolerances, 0.5);
+}
+
+// Looks for matches where the drifted intrinsics would have them, and with a
+// tolerance that no longer covers the drift. Changes nothing where that is not
+// smaller.
+void TightenTolerances(const std::vector<RigCamera>& cameras,
+                       int num_threads,
+                       std::vector<MatchingImage>* images,
+                       std::vector<MatchingPair>* pairs) {
+  const auto estimate = [&](const std::vector<PixelDrift>& drifts) {
+    SetRays(cameras, drifts, num_threads, images);
+    ForEach(pairs->size(), num_threads, {}, [&](size_t i) {
+      EstimateTolerance(&(*pairs)[i]);
+    });
+    SetTolerances(pairs);
+    return MedianTolerance(*pairs);
+  };
+  const double before = MedianTolerance(*pairs);
+  if (estimate(EstimateDrift(cameras, *pairs)) >= before) {
+    estimate(std::vector<PixelDrift>(cameras.size()));
+  }
+}
+
+// Sets the matches within the tolerance.
+void MatchWithinTolerance(const TriangulatorOptions& options,
+                          const std::vector<RigCamera>& cameras,
+                          MatchingPair* pair) {
+  for (const host::FeatureMatch& match : pair->stored_matches) {
+    if (MatchError(*pair, match.point2D_idx1, match.point2D_idx2) <=
+        pair->tolerance) {
+      pair->matches.push_back(match);
+    }
+  }
+  if (!pair->is_guided) return;
+  const IndexMatches matches =
+      Match(options, cameras, pair->tolerance, /*query_stride=*/1, *pair);
+  if (matches.size() <= pair->matches.size()) return;
+  pair->matches.clear();
+  for (const auto& [idx1, idx2] : matches) {
+    pair->matches.emplace_back(idx1, idx2);
+  }
+}
+
+void WriteTwoViewGeometry(const std::vector<RigCamera>& cameras,
+                          const MatchingPair& pair,
+                          host::Database* database) {
+  const Rigid3& pose1 = cameras[pair.image1->camera_idx].cam_from_world;
+  const Rigid3& pose2 = cameras[pair.image2->camera_idx].cam_from_world;
+  Rigid3 pose2_from_pose1;
+  pose2_from_pose1.rotation = pose2.rotation * pose1.rotation.conjugate();
+  pose2_from_pose1.translation =
+      pose2.translation - pose2_from_pose1.rotation * pose1.translation;
+  host::WriteCalibratedGeometry(pair.image1->image_id,
+                                pair.image2->image_id,
+                                pair.essential_matrix,
+                                pose2_from_pose1,
+                                pair.matches,
+                                database);
+}
+
+// Writes what was found. Of pairs whose number of matches could be chance, no
+// geometry.
+void WriteMatches(const TriangulatorOptions& options,
+                  const std::vector<RigCamera>& cameras,
+                  const std::vector<MatchingPair>& pairs,
+                  const std::vector<double>& drift_tolerances,
+                  bool are_new,
+                  host::Database* database,
+                  FrameStatistics* statistics) {
+  std::vector<double> tolerances;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const MatchingPair& pair = pairs[i];
+    statistics->num_matches +=
+        are_new ? pair.matches.size() : pair.stored_matches.size();
+    if (are_new) {
+      database->WriteMatches(
+          pair.image1->image_id, pair.image2->image_id, pair.matches);
+    }
+    if (pair.matches.size() < static_cast<size_t>(options.min_num_inliers) ||
+        CouldBeChance(pair, pairs.size())) {
+      continue;
+    }
+    WriteTwoViewGeometry(cameras, pair, database);
+    tolerances.push_back(drift_tolerances[i]);
+  }
+  statistics->median_tolerance = Quantile(tolerances, 0.5);
+  statistics->large_tolerance = Quantile(tolerances, 0.9);
+}
+
+// One of two passes over all pairs, 0 or 1.
+ProgressFunction CountPass(size_t pass, const ProgressFunction& progress) {
+  if (!progress) return {};
+  return [&progress, pass](size_t num_done, size_t num_all) {
+    progress((pass * num_all + num_done) / 2, num_all);
+  };
 }
 
 }  // namespace
@@ -256,25 +339,37 @@ double Quantile(std::vector<double> values, double share) {
 
 void VerifyMatches(const TriangulatorOptions& options,
                    const std::vector<RigCamera>& cameras,
-                   std::vector<DatabaseImage> images,
+                   const std::vector<DatabaseImage>& images,
+                   const std::vector<std::pair<size_t, size_t>>& camera_pairs,
                    int num_threads,
+                   const ProgressFunction& progress,
                    host::Database* database,
                    FrameStatistics* statistics) {
-  ReadRays(cameras, *database, &images);
-  std::vector<ImagePair> pairs = ReadPairs(options, cameras, images, *database);
-  for (const ImagePair& pair : pairs) {
-    statistics->num_matches += pair.matches.size();
-  }
+  std::vector<MatchingImage> matching_images =
+      ReadImages(options, cameras, images, *database);
+  SetRays(cameras,
+          std::vector<PixelDrift>(cameras.size()),
+          num_threads,
+          &matching_images);
+  const bool are_new = database->NumMatches() == 0;
+  std::vector<MatchingPair> pairs =
+      are_new ? PairsOfCameras(options, cameras, matching_images, camera_pairs)
+              : PairsOfDatabase(options, cameras, matching_images, *database);
+
+  ForEach(pairs.size(), num_threads, CountPass(0, progress), [&](size_t i) {
+    Sample(options, cameras, &pairs[i]);
+  });
   SetTolerances(&pairs);
-  SelectInliers(options, &pairs);
-  if (options.feature_matching.guided_matching) {
-    MatchPairsGuided(options, cameras, *database, num_threads, &pairs);
+  std::vector<double> drift_tolerances;
+  for (const MatchingPair& pair : pairs) {
+    drift_tolerances.push_back(pair.tolerance);
   }
-  WriteTwoViewGeometries(cameras, pairs, database);
-  std::vector<double> tolerances;
-  for (const ImagePair& pair : pairs) tolerances.push_back(pair.tolerance);
-  statistics->median_tolerance = Quantile(tolerances, 0.5);
-  statistics->large_tolerance = Quantile(tolerances, 0.9);
+  TightenTolerances(cameras, num_threads, &matching_images, &pairs);
+  ForEach(pairs.size(), num_threads, CountPass(1, progress), [&](size_t i) {
+    MatchWithinTolerance(options, cameras, &pairs[i]);
+  });
+  WriteMatches(
+      options, cameras, pairs, drift_tolerances, are_new, database, statistics);
 }
 
 }  // namespace mfir

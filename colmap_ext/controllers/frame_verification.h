@@ -1,13 +1,15 @@
-// Matches of a frame against the known epipolar geometry.
+// Matches of a frame along the known epipolar geometry, or verified against it.
 
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/scene/scene.h"
+#include "src/util/progress.h"
 
 namespace mfir {
 
@@ -28,17 +30,26 @@ struct DatabaseImage {
   host::image_t image_id = 0;
   std::string name;
   size_t camera_idx = 0;
-  std::vector<Eigen::Vector3d> rays;  // unit, by keypoint; set by VerifyMatches
 };
 
-// Verifies the matches of the database against the epipolar geometry of
-// `cameras`: their extrinsics, and the intrinsics to start from. The tolerance
-// comes from the matches of each pair. Adds two-view geometries to the database
-// and sets what the statistics say of matches and tolerances.
+// Matches the images along the epipolar lines of `cameras`: their extrinsics,
+// and the intrinsics to start from. How far right matches are from these lines
+// is estimated for each pair from a sample of the keypoints.
+//
+// The pairs are those with matches in the database, or, if it has none,
+// `camera_pairs`; then the new matches are added. Pairs without SIFT
+// descriptors, and all without options.feature_matching.guided_matching, keep
+// the matches of the database that agree with the epipolar geometry; so do
+// those that have more of these.
+//
+// Adds two-view geometries to the database, and sets what the statistics say of
+// matches and tolerances. `progress` counts pairs.
 void VerifyMatches(const TriangulatorOptions& options,
                    const std::vector<RigCamera>& cameras,
-                   std::vector<DatabaseImage> images,
+                   const std::vector<DatabaseImage>& images,
+                   const std::vector<std::pair<size_t, size_t>>& camera_pairs,
                    int num_threads,
+                   const ProgressFunction& progress,
                    host::Database* database,
                    FrameStatistics* statistics);
 

@@ -252,8 +252,8 @@ KeypointRefinement RefineKeypoints(const MultiFrameOptions& options,
                                    const Scene& scene,
                                    const Estimate& estimate) {
   TrackRefinementOptions track_options;
-  track_options.refine_keypoints = options.refine_keypoints;
-  track_options.complete_tracks = options.complete_tracks;
+  track_options.refine_keypoints = options.refine_keypoints == 1;
+  track_options.complete_tracks = options.complete_tracks == 1;
   track_options.num_threads = options.EffectiveNumThreads();
   const ImageFolder folder(image_path);
   KeypointRefinement result;

@@ -7,7 +7,8 @@
 namespace mfir {
 
 // Runs the body of a command and turns exceptions into a message on stderr and
-// the exit code of the contract (src/util/errors.h).
+// the exit code of the contract (src/util/errors.h). Ctrl-C and SIGTERM end it
+// with 130 and 143 (src/util/interruption.h).
 int RunCommand(const std::function<void()>& body);
 
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);

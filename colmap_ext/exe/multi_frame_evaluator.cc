@@ -18,6 +18,7 @@
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/evaluation/evaluation.h"
 #include "src/util/errors.h"
+#include "src/util/interruption.h"
 
 namespace mfir {
 namespace {
@@ -188,7 +189,8 @@ void CheckOutput(const std::string& path) {
 
 // Under a temporary name first, so that `path` is never half a file.
 void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
-  const std::string temporary_path = path + ".tmp";
+  const std::string temporary_path = path + ".unfinished";
+  const ScopedTemporaryPath removed_at_end(temporary_path);
   std::ofstream file(temporary_path);
   // File names need not be UTF-8, JSON must be.
   file << json.dump(
@@ -196,7 +198,6 @@ void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
        << "\n";
   file.close();
   if (!file || std::rename(temporary_path.c_str(), path.c_str()) != 0) {
-    std::remove(temporary_path.c_str());
     throw OutputError("--output_path " + path +
                       ": cannot write the file. Does its folder exist, is it "
                       "writable, and is the disk not full?");

@@ -10,6 +10,7 @@
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
+#include "colmap_ext/controllers/stage_progress.h"
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/triangulator_inputs.h"
 #include "colmap_ext/frames/frame_database.h"
@@ -18,6 +19,7 @@
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/util/errors.h"
+#include "src/util/interruption.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -73,7 +75,9 @@ Json MakeRecord(const TriangulatorInputs& inputs,
 class FrameOutput {
  public:
   explicit FrameOutput(const fs::path& folder)
-      : folder_(folder), unfinished_(folder / kUnfinishedName) {
+      : folder_(folder),
+        unfinished_(folder / kUnfinishedName),
+        removed_at_end_(unfinished_) {
     Try([this]() {
       fs::remove_all(unfinished_);
       fs::create_directories(unfinished_);
@@ -100,6 +104,7 @@ class FrameOutput {
            << "\n";
       file.close();
       if (!file) throw std::runtime_error("is the disk full?");
+      const SignalDelay delay;
       // A model beside a record is one of this command's, finished or not.
       std::ofstream(folder_ / kRecordName, std::ios::trunc) << "{}\n";
       if (keep_database) {
@@ -125,12 +130,14 @@ class FrameOutput {
 
   const fs::path folder_;
   const fs::path unfinished_;
+  const ScopedTemporaryPath removed_at_end_;
 };
 
 // Returns what the frame came to, for the log. Throws InputError.
 std::string ProcessFrame(const TriangulatorOptions& options,
                          const TriangulatorInputs& inputs,
                          int num_threads,
+                         ParallelLog* log,
                          InputFrame* frame) {
   const fs::path folder = fs::path(options.output_path) / frame->name;
   const Json previous = ReadRecord(folder);
@@ -161,6 +168,7 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                       inputs.pairs,
                       num_threads,
                       output.DatabasePath(),
+                      LogProgress(frame->name, "images", log),
                       &timings,
                       &frame->warnings);
   } else {
@@ -174,7 +182,9 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                TriangulateFrame(options,
                                 inputs.naming,
                                 inputs.cameras,
+                                inputs.pairs,
                                 num_threads,
+                                LogProgress(frame->name, "pairs", log),
                                 database.get(),
                                 &statistics,
                                 &timings,
@@ -213,7 +223,7 @@ void ProcessFrames(const TriangulatorOptions& options,
     std::string outcome;
     try {
       outcome = ProcessFrame(
-          options, *inputs, num_threads / num_frames_at_once, &frame);
+          options, *inputs, num_threads / num_frames_at_once, &log, &frame);
       frame.failure.clear();
     } catch (const OutputError&) {
       throw;

@@ -136,9 +136,10 @@ RefinerInputs ReadInputs(const RefinerOptions& options,
       capture.cameras_without_images, capture.image_of_unknown_name, std::cerr);
   if (multi_frame.featuremetric_weight > 0.0 &&
       multi_frame.dense_features == "none") {
-    progress->Log(
-        "No images (--image_path), no dense features: featuremetric_weight "
-        "weighs nothing");
+    progress->Log(std::string(options.image_path.empty()
+                                  ? "No images (--image_path), no"
+                                  : "No") +
+                  " dense features: featuremetric_weight weighs nothing");
   }
   progress->Heading("Aligning frames");
   std::vector<Rigid3> rig_poses;

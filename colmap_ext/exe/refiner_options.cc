@@ -12,7 +12,8 @@ namespace {
 void AddPaths(RefinerOptions* options, OptionParser* parser) {
   parser->AddRequired("input_path",
                       &options->input_path,
-                      "Folder with one sub-folder per frame");
+                      "Folder with one sub-folder per frame, or a COLMAP model "
+                      "that holds many frames");
   parser->AddRequired("extrinsics_path",
                       &options->extrinsics_path,
                       "Known extrinsics: COLMAP model, KRT file or intri.yml + "
@@ -107,7 +108,7 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("refine_keypoints",
       &options->refine_keypoints,
       "Align the keypoints of tracks on the images, by patches warped from "
-      "view to view; needs --image_path");
+      "view to view; -1: where there is --image_path, not with paper");
   add("complete_tracks",
       &options->complete_tracks,
       "Look for tracks in further cameras, in the same way");
@@ -145,6 +146,10 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("camera_name_regex",
       &options->camera_name_regex,
       "One capture group: the camera name within an image name");
+  add("frame_name_regex",
+      &options->frame_name_regex,
+      "One capture group: the frame's name within an image name, where one "
+      "model holds many frames");
   parser->BeginGroup("Dense features");
   AddDenseFeatureOptions(options, parser);
   parser->BeginGroup("Computer and output");
@@ -162,6 +167,12 @@ std::string DefaultDenseFeatures(const RefinerOptions& options) {
   if (!multi_frame.features.database_path.empty()) return "database";
   if (!multi_frame.features.onnx.path.empty()) return "onnx";
   return options.image_path.empty() ? "none" : "sift";
+}
+
+// Whether an option that is -1 means 1.
+bool RefinesKeypoints(const RefinerOptions& options) {
+  return !options.image_path.empty() && options.multi_frame.preset != "paper" &&
+         options.multi_frame.NumScheduleSolves() == 0;
 }
 
 void CheckOptions(const RefinerOptions& options) {
@@ -185,10 +196,10 @@ void CheckOptions(const RefinerOptions& options) {
         "features: give --image_path or leave them at -1.");
   }
   if (options.image_path.empty() &&
-      (multi_frame.refine_keypoints || multi_frame.complete_tracks)) {
+      (multi_frame.refine_keypoints == 1 || multi_frame.complete_tracks == 1)) {
     throw UsageError(
         "--MultiFrame.refine_keypoints 1 and complete_tracks 1 need images: "
-        "give --image_path or leave them at 0.");
+        "give --image_path or leave them at -1.");
   }
   if (!options.image_path.empty() &&
       !std::filesystem::is_directory(options.image_path)) {
@@ -232,6 +243,10 @@ void ParseRefinerOptions(int argc,
   }
   if (multi_frame->dense_features.empty()) {
     multi_frame->dense_features = DefaultDenseFeatures(*options);
+  }
+  for (int* value :
+       {&multi_frame->refine_keypoints, &multi_frame->complete_tracks}) {
+    if (*value == -1) *value = RefinesKeypoints(*options) ? 1 : 0;
   }
   CheckOptions(*options);
 }

@@ -6,6 +6,7 @@
 #include "colmap_ext/feature/feature_database.h"
 #include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
+#include "src/util/interruption.h"
 #include "src/util/parse_number.h"
 
 namespace mfir {
@@ -30,7 +31,8 @@ class WritingFeatureSource : public DenseFeatureSource {
                        const std::string& path)
       : source_(std::move(source)),
         path_(path),
-        temporary_path_(path + ".unfinished_" + std::to_string(getpid())) {
+        temporary_path_(path + ".unfinished_" + std::to_string(getpid())),
+        removed_at_end_(temporary_path_) {
     CheckMayReplace();
     Try([this]() { Create(); });
   }
@@ -38,8 +40,6 @@ class WritingFeatureSource : public DenseFeatureSource {
   ~WritingFeatureSource() override {
     insert_.reset();
     file_.reset();
-    std::error_code error;
-    fs::remove(temporary_path_, error);
   }
 
   DenseFeaturePatches Extract(const DenseFeatureRequest& request) override {
@@ -147,6 +147,7 @@ class WritingFeatureSource : public DenseFeatureSource {
   const std::unique_ptr<DenseFeatureSource> source_;
   const std::string path_;
   const std::string temporary_path_;
+  const ScopedTemporaryPath removed_at_end_;
   std::unique_ptr<SqliteFile> file_;
   std::unique_ptr<SqliteStatement> insert_;
   bool has_info_ = false;

@@ -138,6 +138,7 @@ void MakeFrameDatabase(const TriangulatorOptions& options,
                        const std::vector<std::pair<size_t, size_t>>& pairs,
                        int num_threads,
                        const std::string& path,
+                       const ProgressFunction& progress,
                        FrameTimings* timings,
                        std::vector<std::string>* warnings) {
   const auto or_given = [num_threads](int option) {
@@ -152,6 +153,7 @@ void MakeFrameDatabase(const TriangulatorOptions& options,
                       cameras,
                       files,
                       or_given(options.feature_extraction.num_threads),
+                      progress,
                       warnings);
   WriteFeatures(cameras, features, database.get());
   if (features.size() < 2) {
@@ -159,6 +161,7 @@ void MakeFrameDatabase(const TriangulatorOptions& options,
                      " readable images; at least 2 are needed");
   }
   timings->extraction = timer.ElapsedSeconds();
+  if (options.feature_matching.guided_matching) return;
   timer.Restart();
   for (const FrameMatches& pair :
        MatchFeatures(options,

@@ -19,17 +19,20 @@ struct FrameTimings {
   double triangulation = 0.0;
 };
 
-// Writes keypoints, descriptors and matches of the images into the new database
-// at `path`. Image and camera get the id camera_idx + 1. Only `pairs` (indices
-// of cameras) are matched. Images that cannot be read are left out and reported
-// in `warnings`. Throws InputError for an image whose size is not that of its
-// camera, and if fewer than two images are left.
+// Writes keypoints and descriptors of the images into the new database at
+// `path`. Image and camera get the id camera_idx + 1. With guided_matching, the
+// matches are left to VerifyMatches; without, `pairs` (indices of cameras) are
+// matched by COLMAP's matcher. `progress` counts extracted images. Images that
+// cannot be read are left out and reported in `warnings`. Throws InputError for
+// an image whose size is not that of its camera, and if fewer than two images
+// are left.
 void MakeFrameDatabase(const TriangulatorOptions& options,
                        const std::vector<RigCamera>& cameras,
                        const std::vector<FrameImageFile>& files,
                        const std::vector<std::pair<size_t, size_t>>& pairs,
                        int num_threads,
                        const std::string& path,
+                       const ProgressFunction& progress,
                        FrameTimings* timings,
                        std::vector<std::string>* warnings);
 

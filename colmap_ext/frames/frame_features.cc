@@ -1,11 +1,13 @@
 #include "colmap_ext/frames/frame_features.h"
 
 #include <algorithm>
+#include <atomic>
 #include <map>
 #include <optional>
 
-#include "colmap_ext/frames/worker_threads.h"
+#include "colmap_ext/feature/opencv_sift.h"
 #include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -144,6 +146,17 @@ std::unique_ptr<T> CheckCreated(std::unique_ptr<T> object, const char* what) {
   return object;
 }
 
+std::unique_ptr<host::FeatureExtractor> MakeExtractor(
+    const TriangulatorOptions& options) {
+  if (options.feature_extractor == "opencv" &&
+      OpenCVSiftSupports(options.feature_extraction)) {
+    return MakeOpenCVSift(options.feature_extraction);
+  }
+  return CheckCreated(
+      host::FeatureExtractor::Create(options.feature_extraction),
+      "feature extractor");
+}
+
 // A GPU is shared by what runs on it: one thread keeps it busy.
 int NumWorkers(bool use_gpu, int num_threads) {
   return use_gpu ? 1 : std::max(1, num_threads);
@@ -156,19 +169,19 @@ std::vector<FrameFeatures> ExtractFeatures(
     const std::vector<RigCamera>& cameras,
     const std::vector<FrameImageFile>& files,
     int num_threads,
+    const ProgressFunction& progress,
     std::vector<std::string>* warnings) {
   const FeatureExtraction extraction(options, cameras);
   std::vector<FrameFeatures> results(files.size());
-  ForEachWithWorkers(
+  std::atomic<size_t> num_done = 0;
+  ParallelForWithWorkers(
       files.size(),
       NumWorkers(options.feature_extraction.use_gpu, num_threads),
-      [&]() {
-        return CheckCreated(
-            host::FeatureExtractor::Create(options.feature_extraction),
-            "feature extractor");
-      },
+      [&]() { return MakeExtractor(options); },
       [&](const std::unique_ptr<host::FeatureExtractor>& extractor, size_t i) {
         results[i] = extraction.Run(files[i], extractor.get());
+        const size_t num = ++num_done;
+        if (progress) progress(num, files.size());
       });
   std::vector<FrameFeatures> features;
   for (size_t i = 0; i < files.size(); ++i) {
@@ -216,7 +229,7 @@ std::vector<FrameMatches> MatchFeatures(
       features.size(), [&images](host::image_t image_id) {
         return images.at(image_id - 1).descriptors;
       });
-  ForEachWithWorkers(
+  ParallelForWithWorkers(
       results.size(),
       NumWorkers(options.feature_matching.use_gpu, num_threads),
       [&]() {

@@ -11,6 +11,7 @@
 #include "colmap_ext/host/feature.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/scene/scene.h"
+#include "src/util/progress.h"
 
 namespace mfir {
 
@@ -31,12 +32,14 @@ struct FrameFeatures {
 
 // By camera. Images that cannot be read are left out and reported in
 // `warnings`. Throws InputError for an image whose size is not that of its
-// camera, and for masks that cannot be read or have another size.
+// camera, and for masks that cannot be read or have another size. `progress`
+// counts images.
 std::vector<FrameFeatures> ExtractFeatures(
     const TriangulatorOptions& options,
     const std::vector<RigCamera>& cameras,
     const std::vector<FrameImageFile>& files,
     int num_threads,
+    const ProgressFunction& progress,
     std::vector<std::string>* warnings);
 
 struct FrameMatches {

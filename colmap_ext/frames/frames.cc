@@ -5,10 +5,10 @@
 #include <set>
 #include <utility>
 
+#include "colmap_ext/frames/frame_source.h"
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_io.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/util/errors.h"
 
@@ -47,7 +47,11 @@ void MatchImages(const CameraNaming& naming,
                        "' of one frame belong to the same camera '" +
                        camera_names[i] +
                        "'. Set --MultiFrame.camera_name_regex to a pattern "
-                       "whose group is the camera's name.");
+                       "whose group is the camera's name" +
+                       (frame->is_part_of_model
+                            ? ", or --MultiFrame.frame_name_regex to one whose "
+                              "group is the frame's."
+                            : "."));
     }
     frame->image_ids[it->second] = image_ids[i];
   }
@@ -131,51 +135,27 @@ void RemoveShortTracks(host::Reconstruction* reconstruction) {
   }
 }
 
-// In the folder of the frame, in its folder of sparse models, or with the
-// model;
-// "" if there is none.
-std::string FindDatabase(const std::filesystem::path& frame_path,
-                         const std::filesystem::path& model_path) {
-  std::error_code error;
-  for (const std::filesystem::path& folder :
-       {frame_path, frame_path / "sparse", model_path}) {
-    const std::filesystem::path path = folder / "database.db";
-    if (std::filesystem::is_regular_file(path, error)) return path.string();
-  }
-  return "";
-}
-
-FrameModel ReadFrame(const std::string& frames_path,
-                     const std::string& name,
-                     const CameraNaming& naming,
-                     const std::map<std::string, size_t>& camera_idxs,
-                     const CameraModel* target_model,
-                     Capture* capture) {
-  FrameModel frame;
-  frame.name = name;
-  const std::filesystem::path path = std::filesystem::path(frames_path) / name;
-  frame.model_path = FindSparseModel(path.string());
-  if (frame.model_path.empty()) {
-    frame.skip_reason = "it has no sparse model";
-    return frame;
-  }
-  frame.database_path = FindDatabase(path, frame.model_path);
-  frame.reconstruction = std::make_unique<host::Reconstruction>();
-  ReadModel(frame.model_path, true, frame.reconstruction.get());
-  RemoveShortTracks(frame.reconstruction.get());
-  MatchImages(naming, camera_idxs, &frame, capture);
-  SplitCameras(&frame);
+// Matches the images with the cameras of the rig; says why if the frame cannot
+// take part.
+void MatchFrame(const CameraNaming& naming,
+                const std::map<std::string, size_t>& camera_idxs,
+                const CameraModel* target_model,
+                FrameModel* frame,
+                Capture* capture) {
+  if (frame->reconstruction == nullptr) return;
+  RemoveShortTracks(frame->reconstruction.get());
+  MatchImages(naming, camera_idxs, frame, capture);
+  SplitCameras(frame);
   if (target_model != nullptr) {
-    ConvertCameras(*target_model, &frame);
+    ConvertCameras(*target_model, frame);
   }
-  if (frame.image_ids.size() < kMinNumImages) {
-    frame.skip_reason = "only " + std::to_string(frame.image_ids.size()) +
-                        " of its images belong to cameras of the rig, " +
-                        std::to_string(kMinNumImages) + " are needed";
-  } else if (frame.reconstruction->NumPoints3D() == 0) {
-    frame.skip_reason = "it has no points seen by two cameras of the rig";
+  if (frame->image_ids.size() < kMinNumImages) {
+    frame->skip_reason = "only " + std::to_string(frame->image_ids.size()) +
+                         " of its images belong to cameras of the rig, " +
+                         std::to_string(kMinNumImages) + " are needed";
+  } else if (frame->reconstruction->NumPoints3D() == 0) {
+    frame->skip_reason = "it has no points seen by two cameras of the rig";
   }
-  return frame;
 }
 
 }  // namespace
@@ -289,19 +269,20 @@ Capture ReadCapture(const std::string& frames_path,
   }
 
   const CameraNaming naming(options.camera_name_regex);
-  const std::vector<std::string> names =
-      ListFrames("input_path", frames_path, frame_list_path);
+  const std::unique_ptr<FrameSource> source = OpenFrames(
+      frames_path, frame_list_path, options.frame_name_regex, capture.cameras);
+  const size_t num_frames = source->Names().size();
   bool any_match = false;
-  for (size_t i = 0; i < names.size(); ++i) {
-    FrameModel frame = ReadFrame(
-        frames_path, names[i], naming, camera_idxs, target_model, &capture);
+  for (size_t i = 0; i < num_frames; ++i) {
+    FrameModel frame = source->Read(i);
+    MatchFrame(naming, camera_idxs, target_model, &frame, &capture);
     any_match = any_match || !frame.image_ids.empty();
     if (frame.reconstruction != nullptr) {
       CheckCameras(frame, capture.frames, capture.cameras);
     }
     if (!options.quiet) {
       std::cout << host::StringPrintf(
-          "Frame %zu / %zu '%s': ", i + 1, names.size(), frame.name.c_str());
+          "Frame %zu / %zu '%s': ", i + 1, num_frames, frame.name.c_str());
       if (frame.skip_reason.empty()) {
         std::cout << frame.image_ids.size() << " images, "
                   << frame.reconstruction->NumPoints3D() << " points"

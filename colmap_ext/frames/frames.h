@@ -20,6 +20,8 @@ namespace mfir {
 struct FrameModel {
   std::string name;
   std::string model_path;
+  // The model has other frames, too: image names differ between frames.
+  bool is_part_of_model = false;
   // COLMAP database with the keypoints and matches; empty: there is none.
   std::string database_path;
   // Why the frame takes no part; empty: it does.
@@ -57,14 +59,13 @@ std::vector<std::string> ListFrames(const std::string& option_name,
                                     const std::string& frames_path,
                                     const std::string& frame_list_path);
 
-// Reads all frames in `frames_path` (those of `frame_list_path`, one name per
-// line, if not empty), matches their images with the cameras of `rig`, and
-// converts cameras to options.camera_model if set. Frames without a model, with
-// fewer than three cameras of the rig, or without points are skipped with a
-// reason. Throws InputError: no frames, a frame of the list that does not
-// exist, unreadable models, two images of a frame with the same camera, camera
-// models or image sizes of a camera that differ between frames or from RIG, no
-// image of any camera of the rig, no usable frame.
+// Reads all frames in `frames_path` (frame_source.h), matches their images with
+// the cameras of `rig`, and converts cameras to options.camera_model if set.
+// Frames without a model, with fewer than three cameras of the rig, or without
+// points are skipped with a reason. Throws InputError: no frames, a frame of
+// the list that does not exist, unreadable models, two images of a frame with
+// the same camera, camera models or image sizes of a camera that differ between
+// frames or from RIG, no image of any camera of the rig, no usable frame.
 Capture ReadCapture(const std::string& frames_path,
                     const std::string& frame_list_path,
                     const Rig& rig,

@@ -30,6 +30,7 @@ using colmap::FeatureKeypoints;
 using colmap::FeatureMatch;
 using colmap::FeatureMatches;
 using colmap::image_t;
+using colmap::SiftExtractionOptions;
 
 #if MFIR_COLMAP_MAJOR >= 4
 using colmap::FeatureDescriptors;
@@ -73,6 +74,29 @@ class FeatureMatcher {
                      FeatureMatches* matches) = 0;
 };
 #endif
+
+// Zeros: that many descriptors of SIFT.
+inline FeatureDescriptors MakeSiftDescriptors(size_t num_descriptors) {
+  FeatureDescriptors descriptors;
+#if MFIR_COLMAP_MAJOR >= 4
+  descriptors.type = colmap::FeatureExtractorType::SIFT;
+#endif
+  descriptors.data.setZero(static_cast<Eigen::Index>(num_descriptors), 128);
+  return descriptors;
+}
+
+inline bool IsSift([[maybe_unused]] const FeatureExtractionOptions& options) {
+#if MFIR_COLMAP_MAJOR >= 4
+  return options.type == colmap::FeatureExtractorType::SIFT;
+#else
+  return true;
+#endif
+}
+
+// Whether descriptors are square roots of L1-normalised ones.
+inline bool UsesRootSift(const SiftExtractionOptions& options) {
+  return options.normalization == SiftExtractionOptions::Normalization::L1_ROOT;
+}
 
 // Whether images have to be read in color.
 bool RequiresRGB(const FeatureExtractionOptions& options);

@@ -2,10 +2,12 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 
 #include <ceres/jet.h>
 
 #include "colmap_ext/host/camera_models.h"
+#include "colmap_ext/host/util.h"
 
 namespace mfir {
 namespace {
@@ -90,6 +92,29 @@ const std::map<int, std::unique_ptr<CameraModel>>& Models() {
   return models;
 }
 
+struct NamedModel {
+  int id;
+  const char* name;
+};
+
+// Of COLMAP 4: 3.8 does not have them, and the last one has no intrinsics.
+constexpr NamedModel kLaterModels[] = {{11, "RAD_TAN_THIN_PRISM_FISHEYE"},
+                                       {12, "SIMPLE_DIVISION"},
+                                       {13, "DIVISION"},
+                                       {14, "SIMPLE_FISHEYE"},
+                                       {15, "FISHEYE"},
+                                       {16, "EUCM"},
+                                       {17, "EQUIRECTANGULAR"}};
+
+std::string WhyNotSupported(const NamedModel& model) {
+  return "the camera model " + std::string(model.name) +
+         (model.id == 17 ? " has no intrinsics that could be refined"
+                         : " of COLMAP 4 is not in " + host::VersionInfo() +
+                               ", which this program is built with") +
+         ". Leave such images out" +
+         (model.id == 17 ? "." : ", or build with COLMAP 4.");
+}
+
 }  // namespace
 
 const CameraModel* FindCameraModel(int model_id) {
@@ -104,6 +129,20 @@ const CameraModel* FindCameraModel(const std::string& model_name) {
     }
   }
   return nullptr;
+}
+
+std::optional<std::string> WhyNotSupported(int model_id) {
+  for (const NamedModel& model : kLaterModels) {
+    if (model.id == model_id) return WhyNotSupported(model);
+  }
+  return std::nullopt;
+}
+
+std::optional<std::string> WhyNotSupported(const std::string& model_name) {
+  for (const NamedModel& model : kLaterModels) {
+    if (model.name == model_name) return WhyNotSupported(model);
+  }
+  return std::nullopt;
 }
 
 int CameraModelId(const CameraModel& model) {

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "src/sensor/camera_model.h"
@@ -14,6 +15,11 @@ const CameraModel* FindCameraModel(int model_id);
 
 // The model with COLMAP's name (e.g. "OPENCV"), nullptr if there is none.
 const CameraModel* FindCameraModel(const std::string& model_name);
+
+// For a model of COLMAP that is not among them: why, and what to do. Nothing
+// for a model that no version of COLMAP has.
+std::optional<std::string> WhyNotSupported(int model_id);
+std::optional<std::string> WhyNotSupported(const std::string& model_name);
 
 // COLMAP's identifier of a model.
 int CameraModelId(const CameraModel& model);

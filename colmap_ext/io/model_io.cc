@@ -219,6 +219,10 @@ bool IsModelFolder(const std::string& path) {
   return FindModelFiles(path, /*require_points=*/false).has_value();
 }
 
+bool IsBinaryModel(const std::string& path) {
+  return LocateModelFiles(path, /*require_points=*/false).is_binary;
+}
+
 std::string FindSparseModel(const std::string& frame_path) {
   const fs::path frame = frame_path;
   std::vector<fs::path> folders = {frame,

@@ -14,6 +14,9 @@ namespace mfir {
 // Whether `path` holds cameras, images (both .bin or both .txt).
 bool IsModelFolder(const std::string& path);
 
+// Whether ReadModel reads the binary files of the model in `path`.
+bool IsBinaryModel(const std::string& path);
+
 // The folder of a frame's sparse model: among FRAME/, FRAME/sparse/0, FRAME/0,
 // FRAME/sparse, FRAME/refined, and the numbered siblings FRAME/sparse/N and
 // FRAME/N, the one with most registered images (the first of the list on a

@@ -64,17 +64,18 @@ OutputFolder::OutputFolder(const std::string& path,
                       ": cannot create the folder: " + error.message() + ".");
   }
   Lock();
+  removed_at_end_.emplace(temporary_path_);
   try {
     MakeTemporaryFolder();
   } catch (...) {
+    removed_at_end_.reset();
     close(lock_);
     throw;
   }
 }
 
 OutputFolder::~OutputFolder() {
-  std::error_code ignored;
-  fs::remove_all(temporary_path_, ignored);
+  removed_at_end_.reset();
   close(lock_);
 }
 
@@ -145,6 +146,7 @@ void OutputFolder::MakeTemporaryFolder() {
 }
 
 fs::path OutputFolder::Publish(bool good) {
+  const SignalDelay delay;
   const bool has_result = fs::exists(path_ / names_.back());
   const fs::path not_converged_path = path_ / kNotConverged;
   if (!good && has_result) {

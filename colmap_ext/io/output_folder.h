@@ -4,8 +4,11 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "src/util/interruption.h"
 
 namespace mfir {
 
@@ -59,6 +62,8 @@ class OutputFolder {
   const std::vector<std::string> names_;
   const std::filesystem::path temporary_path_;
   int lock_ = -1;
+  // While the folder is locked.
+  std::optional<ScopedTemporaryPath> removed_at_end_;
 };
 
 }  // namespace mfir

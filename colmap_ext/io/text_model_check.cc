@@ -44,6 +44,10 @@ Ids CheckCameras(const std::string& path) {
     const std::string model_name(file.Token("MODEL"));
     const CameraModel* model = FindCameraModel(model_name);
     if (model == nullptr) {
+      if (const auto reason = WhyNotSupported(model_name)) {
+        throw InputError(path + ":" + std::to_string(file.LineNumber()) + ": " +
+                         *reason);
+      }
       file.Fail("unknown camera model '" + model_name + "'");
     }
     file.Number<uint32_t>("WIDTH");

@@ -104,10 +104,19 @@ std::vector<IniEntry> ParseIni(const std::string& path) {
 }
 
 // Names without a section that COLMAP's commands and ours take, found in their
-// sources by CMake.
+// sources by CMake, and those that all commands of another version take: ini
+// files outlive versions.
 bool IsOptionOfAnotherCommand(const std::string& name) {
   static const char* const kNames[] = {
 #include <option_names.inc>
+      "default_random_seed",
+      "log_color",
+      "log_level",
+      "log_path",
+      "log_severity",
+      "log_target",
+      "log_to_stderr",
+      "random_seed",
   };
   return std::find(std::begin(kNames), std::end(kNames), name) !=
          std::end(kNames);

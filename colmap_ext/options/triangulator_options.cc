@@ -88,6 +88,10 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
   add("focal_length_factor",
       &options->focal_length_factor,
       "> 0: start from this focal length / larger image side");
+  add("feature_extractor",
+      &options->feature_extractor,
+      "opencv: its SIFT, where it can do what [SiftExtraction] asks for; or "
+      "colmap");
   add("num_threads", &options->num_threads, "-1: all");
   add("overwrite",
       &options->overwrite,
@@ -131,6 +135,10 @@ void TriangulatorOptions::Check() const {
       (prefix + "focal_length_factor").c_str(), focal_length_factor, 0, 100);
   CheckRange(
       (prefix + "max_epipolar_error").c_str(), max_epipolar_error, 1e-4, 0.5);
+  if (feature_extractor != "opencv" && feature_extractor != "colmap") {
+    throw UsageError("--" + prefix + "feature_extractor " + feature_extractor +
+                     ": must be opencv or colmap.");
+  }
   if (num_threads == 0 || num_threads < -1 || num_threads > 1024) {
     throw UsageError("--" + prefix +
                      "num_threads must be 1 to 1024, or -1 for all.");

@@ -30,6 +30,9 @@ struct TriangulatorOptions {
   // Focal length / larger image side of all cameras, which then are of
   // camera_model without distortion; 0: the given intrinsics.
   double focal_length_factor = 0.0;
+  // "opencv": OpenCV's SIFT where it can do what [SiftExtraction] asks for;
+  // "colmap": COLMAP's extractor.
+  std::string feature_extractor = "opencv";
   // Cap of the tolerance of epipolar errors / larger image side.
   double max_epipolar_error = 0.02;
   int num_threads = -1;

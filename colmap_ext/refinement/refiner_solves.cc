@@ -279,7 +279,7 @@ Tracks RefineKeypoints(const MultiFrameOptions& options,
                        const Start& start,
                        Tracks tracks,
                        Progress* progress) {
-  if (!options.refine_keypoints && !options.complete_tracks) {
+  if (options.refine_keypoints != 1 && options.complete_tracks != 1) {
     return tracks;
   }
   if (!tracks.refinement) {

@@ -12,6 +12,7 @@
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
+#include "colmap_ext/refinement/capture_model.h"
 #include "colmap_ext/report/report_reader.h"
 #include "src/report/report_page.h"
 #include "src/util/errors.h"
@@ -434,6 +435,7 @@ const std::vector<std::string>& ResultNames() {
   static const std::vector<std::string> names = {"rig_given",
                                                  "rig",
                                                  "frames",
+                                                 "model",
                                                  "KRT",
                                                  "history.csv",
                                                  "project.ini",
@@ -458,16 +460,24 @@ WrittenResult WriteResult(const OptionParser& options,
                  MakeRigModel(GivenCameras(tracks.capture, result)));
     }
     const std::vector<const FrameModel*> models = tracks.capture.UsedFrames();
+    CaptureModel model(result.cameras, report.image_path);
     for (size_t f = 0; f < models.size(); ++f) {
-      WriteModel((path / "frames" / models[f]->name).string(),
-                 false,
-                 RefinedReconstruction(result.rig_from_normalized,
-                                       *models[f],
-                                       tracks.scene,
-                                       result.refined.estimate,
-                                       f,
-                                       result.cameras,
-                                       result.single_frame_mode));
+      const host::Reconstruction refined =
+          RefinedReconstruction(result.rig_from_normalized,
+                                *models[f],
+                                tracks.scene,
+                                result.refined.estimate,
+                                f,
+                                result.cameras,
+                                result.single_frame_mode);
+      WriteModel((path / "frames" / models[f]->name).string(), false, refined);
+      if (!result.single_frame_mode) model.AddFrame(*models[f], refined);
+    }
+    if (result.single_frame_mode) {
+      written.remarks.push_back(
+          "No model of all frames: each has intrinsics of its own.");
+    } else {
+      WriteModel((path / "model").string(), false, model.Model());
     }
     for (const std::string& name :
          WriteKRT((path / "KRT").string(), result.cameras)) {

@@ -24,6 +24,7 @@ struct RunReport {
   nlohmann::ordered_json inputs;
   nlohmann::ordered_json evaluation;  // null without a ground truth
   bool write_page = true;             // report.html
+  std::string image_path;             // empty: none
 };
 
 // The files and folders of a result, as OutputFolder takes them.
@@ -40,7 +41,7 @@ nlohmann::ordered_json MakeSummary(const OptionParser& options,
 
 struct WrittenResult {
   std::string path;                  // see OutputFolder::Publish
-  std::vector<std::string> remarks;  // what KRT cannot express
+  std::vector<std::string> remarks;  // what a format cannot express
 };
 
 // Writes all files to the temporary folder of `output` and publishes them when

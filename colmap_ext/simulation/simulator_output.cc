@@ -12,6 +12,7 @@
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "src/util/errors.h"
+#include "src/util/interruption.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -224,13 +225,15 @@ void WriteSimulatedCapture(
   const fs::path old_path = path.string() + ".mfir_old";
   try {
     CheckSimulatorOutput(capture.options, path.string());
-    fs::remove_all(partial_path);  // of an interrupted run
+    fs::remove_all(partial_path);  // of a killed run
+    const ScopedTemporaryPath removed_at_end(partial_path);
     WriteAll(capture, partial_path);
     if (write_more) {
       write_more(partial_path.string());
     }
     CheckDiskSpace(partial_path);
     // The old capture goes only when the new one is complete.
+    const SignalDelay delay;
     fs::remove_all(old_path);
     if (fs::exists(path)) {
       fs::rename(path, old_path);

@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -29,6 +30,8 @@ struct GuidedMatchingOptions {
   double max_distance = 0.7;  // between descriptors, radians
   double max_ratio = 0.8;     // of the smallest two distances
   bool cross_check = true;
+  // Only every so-manieth keypoint of image 1 takes part: a sample.
+  size_t query_stride = 1;
 };
 
 // Pairs of keypoints (idx1, idx2) whose descriptors match, among those within

@@ -167,13 +167,10 @@ float SearchPatch(const PatchTemplate& patch,
   return SearchOnCpu(GetPatchDisc(), patch, image.View(), warp);
 }
 
-double PatchStd(const PatchTemplate& patch,
-                const PatchFit& fit,
-                const PatchWarp& warp) {
-  float c[4];
-  PatchCovariance(patch, fit, warp, c);
-  const double mean = 0.5 * (c[0] + c[3]);
-  const double difference = 0.5 * (c[0] - c[3]);
+double PatchStd(const PatchAlignment& alignment) {
+  const float* c = alignment.covariance;
+  const double mean = 0.5 * (c[0] + c[2]);
+  const double difference = 0.5 * (c[0] - c[2]);
   return std::sqrt(mean + std::hypot(difference, static_cast<double>(c[1])));
 }
 

@@ -59,10 +59,8 @@ float SearchPatch(const PatchTemplate& patch,
                   const SplineImage& image,
                   PatchWarp* warp);
 
-// Largest standard deviation of the warp's centre over all directions, px of
-// the other image, see PatchCovariance.
-double PatchStd(const PatchTemplate& patch,
-                const PatchFit& fit,
-                const PatchWarp& warp);
+// Largest standard deviation of the position over all directions, px of the
+// other image.
+double PatchStd(const PatchAlignment& alignment);
 
 }  // namespace mfir

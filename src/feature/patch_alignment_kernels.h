@@ -7,9 +7,9 @@
 // W is nearly right,
 //   T(W(u)) ~ gain R(u + d(u)) + offset,   d(u) = d0 + D u,
 // which is linear in 8 numbers: gain d0, gain D, gain and offset. The basis of
-// that fit depends on the reference patch alone, so that one iteration is a
-// sampling and a product with a fixed 8 x N matrix (inverse compositional
-// Lucas-Kanade), and W is replaced by W((I + D)^-1 (u - d0)).
+// that fit depends on the reference patch alone, so that it is a product with a
+// fixed 8 x N matrix. It tells how wrong the shape of W is (patch_slope.h). An
+// alignment (AlignPatch) only moves the centre.
 //
 // Images are given as coefficients of a cubic B-spline: no blur, and a smooth
 // derivative. Image coordinates are COLMAP's: the centre of the top-left pixel
@@ -77,6 +77,10 @@ struct PatchTemplate {
   // (B B^T)^-1 B, for the coefficients of the best fit.
   float projector[kNumPatchBasis][kPatchStride];
   float inverse[kNumPatchBasis * kNumPatchBasis];  // (B B^T)^-1
+  // R_x and R_y without what R and 1 explain of them, and the inverse of their
+  // products: xx, xy, yy.
+  float gradient[2][kPatchStride];
+  float gradient_inverse[3];
   float contrast;  // rms of the patch before, grey levels
 };
 
@@ -93,19 +97,21 @@ enum class PatchEnd {
   kConverged,
   kOutside,     // leaves the image
   kDissimilar,  // no positive gain
-  kDiverged     // does not stop, moves too far or changes its shape too much
+  kDiverged     // does not stop, or moves too far
 };
 
 struct PatchAlignment {
   PatchEnd end;
-  PatchFit fit;
+  float zncc;
+  // Of the position: xx, xy, yy (px^2 of the other image), as follows from what
+  // the fit leaves if pixels err independently.
+  float covariance[3];
 };
 
 constexpr int kMaxNumPatchIterations = 30;
 constexpr float kPatchStepTolerance = 0.001f;  // px of the reference image
 constexpr float kMaxPatchStep = 1.0f;          // px of the reference image
 constexpr float kMaxPatchShift = 4.0f;         // px
-constexpr float kMaxPatchDistortion = 0.5f;    // of the affine map
 
 // -----------------------------------------------------------------------------
 // Spline
@@ -318,6 +324,36 @@ MFIR_HOST_DEVICE void SampleBasis(const Group& group,
   group.Sync();
 }
 
+// The gradient, by the products of the basis.
+template <typename Group>
+MFIR_HOST_DEVICE void SetGradient(const Group& group,
+                                  const double* gram,
+                                  PatchTemplate* patch) {
+  constexpr int n = kNumPatchBasis;
+  constexpr double kFactor = 1.0 / kNumPatchSamples;
+  double products[2][2];
+  for (int j = 0; j < 2; ++j) {
+    const double by_patch = kFactor * gram[j * n + kGainIdx];
+    const double by_one = kFactor * gram[j * n + kOffsetIdx];
+    for (int i = group.Rank(); i < kPatchStride; i += Group::Size()) {
+      patch->gradient[j][i] =
+          patch->basis[j][i] -
+          static_cast<float>(by_patch) * patch->basis[kGainIdx][i] -
+          static_cast<float>(by_one) * patch->basis[kOffsetIdx][i];
+    }
+    for (int k = 0; k < 2; ++k) {
+      products[j][k] = gram[j * n + k] - by_patch * gram[k * n + kGainIdx] -
+                       by_one * gram[k * n + kOffsetIdx];
+    }
+  }
+  if (group.Rank() != 0) return;
+  const double det =
+      products[0][0] * products[1][1] - products[0][1] * products[1][0];
+  patch->gradient_inverse[0] = static_cast<float>(products[1][1] / det);
+  patch->gradient_inverse[1] = static_cast<float>(-products[0][1] / det);
+  patch->gradient_inverse[2] = static_cast<float>(products[0][0] / det);
+}
+
 // Prepares the patch around `xy`. False where it leaves the image or does not
 // determine the coefficients. `patch` is shared by the group.
 template <typename Group>
@@ -363,6 +399,7 @@ MFIR_HOST_DEVICE bool MakePatchTemplate(const Group& group,
   }
   double inverse[n * n];
   if (!InvertPatchMatrix(gram, kMinPivot, inverse)) return false;
+  SetGradient(group, gram, patch);
   for (int i = group.Rank(); i < kPatchStride; i += Group::Size()) {
     for (int j = 0; j < n; ++j) {
       float sum = 0.0f;
@@ -433,72 +470,78 @@ MFIR_HOST_DEVICE void AssessFit(const Group& group,
   fit->zncc = PatchZncc(group, patch, samples);
 }
 
-// Of a row-major matrix.
-MFIR_HOST_DEVICE void Invert2x2(const float* matrix, float* inverse) {
-  const float inverse_det =
-      1.0f / (matrix[0] * matrix[3] - matrix[1] * matrix[2]);
-  inverse[0] = matrix[3] * inverse_det;
-  inverse[1] = -matrix[1] * inverse_det;
-  inverse[2] = -matrix[2] * inverse_det;
-  inverse[3] = matrix[0] * inverse_det;
-}
+// The best shift of the reference patch at a warp, with gain and offset.
+struct PatchShift {
+  float u, v;        // pixels of the reference image
+  float xx, xy, yy;  // covariance of u and v
+  float zncc;        // before the shift
+  float
+      noise_power;  // mean square of what the fit leaves, relative to the gain
+};
 
-// Composes the warp with the inverse of u -> u + d(u). Returns the length of
-// the step, in pixels of the reference image. Long steps are shortened.
-MFIR_HOST_DEVICE float UpdatePatchWarp(const float* coefficients,
-                                       PatchWarp* warp) {
-  const float* c = coefficients;
-  const float inverse_gain = 1.0f / c[kGainIdx];
-  float dx = c[0] * inverse_gain;
-  float dy = c[1] * inverse_gain;
-  const float length = sqrtf(dx * dx + dy * dy);
-  float scale = 1.0f;
-  if (length > kMaxPatchStep) scale = kMaxPatchStep / length;
-  float matrix[4];
-  for (int k = 0; k < 4; ++k) {
-    const float entry = c[2 + k] * inverse_gain * (1.0f / kPatchRadius);
-    matrix[k] = fminf(fmaxf(scale * entry, -0.2f), 0.2f);
-  }
-  dx *= scale;
-  dy *= scale;
-  matrix[0] += 1.0f;
-  matrix[3] += 1.0f;
-  float inverse[4];
-  Invert2x2(matrix, inverse);
-  const float a[4] = {
-      warp->affine[0], warp->affine[1], warp->affine[2], warp->affine[3]};
-  for (int row = 0; row < 2; ++row) {
-    for (int column = 0; column < 2; ++column) {
-      warp->affine[2 * row + column] =
-          a[2 * row] * inverse[column] + a[2 * row + 1] * inverse[2 + column];
-    }
-    warp->center[row] -=
-        warp->affine[2 * row] * dx + warp->affine[2 * row + 1] * dy;
-  }
-  return length;
-}
-
-// Whether the warp is still near the one it started from.
-MFIR_HOST_DEVICE bool IsNearStart(const PatchWarp& start,
-                                  const PatchWarp& warp) {
-  const double dx = warp.center[0] - start.center[0];
-  const double dy = warp.center[1] - start.center[1];
-  if (!(dx * dx + dy * dy <= kMaxPatchShift * kMaxPatchShift)) return false;
-  float inverse[4];
-  Invert2x2(start.affine, inverse);
-  for (int row = 0; row < 2; ++row) {
-    for (int column = 0; column < 2; ++column) {
-      const float change = inverse[2 * row] * warp.affine[column] +
-                           inverse[2 * row + 1] * warp.affine[2 + column] -
-                           (row == column ? 1.0f : 0.0f);
-      if (!(fabsf(change) <= kMaxPatchDistortion)) return false;
-    }
-  }
+// Least squares for samples ~ gain (R + u R_x + v R_y) + offset. False if the
+// gain is not positive. Derivatives are those of the reference patch alone:
+// those of the other image would bring its noise into the equations, whose
+// power depends on where between the pixels it is sampled, and so a bias.
+template <typename Group>
+MFIR_HOST_DEVICE bool FindPatchShift(const Group& group,
+                                     const PatchTemplate& patch,
+                                     const float* samples,
+                                     PatchShift* shift) {
+  constexpr float kFactor = 1.0f / kNumPatchSamples;
+  const float gain =
+      kFactor * PatchProduct(group, patch.basis[kGainIdx], samples);
+  if (!(gain > 0.0f)) return false;
+  const float mean =
+      kFactor * PatchProduct(group, patch.basis[kOffsetIdx], samples);
+  const float x = PatchProduct(group, patch.gradient[0], samples) / gain;
+  const float y = PatchProduct(group, patch.gradient[1], samples) / gain;
+  const float* inverse = patch.gradient_inverse;
+  shift->u = inverse[0] * x + inverse[1] * y;
+  shift->v = inverse[1] * x + inverse[2] * y;
+  const float power =
+      (kFactor * PatchProduct(group, samples, samples) - mean * mean) /
+      (gain * gain);
+  shift->zncc = 1.0f / sqrtf(fmaxf(power, 1.0f));
+  shift->noise_power =
+      fmaxf(power - 1.0f - kFactor * (shift->u * x + shift->v * y), 0.0f);
+  const float variance =
+      shift->noise_power * kNumPatchSamples / (kNumPatchSamples - 4);
+  shift->xx = variance * inverse[0];
+  shift->xy = variance * inverse[1];
+  shift->yy = variance * inverse[2];
   return true;
 }
 
-// Moves the warp to where the image fits the reference patch best. `samples`
-// (kPatchStride) is shared by the group, `warp` each thread's own.
+// The covariance of a shift, in the other image: xx, xy, yy (px^2).
+MFIR_HOST_DEVICE void MapCovariance(const PatchWarp& warp,
+                                    const PatchShift& shift,
+                                    float* covariance) {
+  const float* a = warp.affine;
+  const float x[2] = {a[0] * shift.xx + a[1] * shift.xy,
+                      a[0] * shift.xy + a[1] * shift.yy};
+  const float y[2] = {a[2] * shift.xx + a[3] * shift.xy,
+                      a[2] * shift.xy + a[3] * shift.yy};
+  covariance[0] = x[0] * a[0] + x[1] * a[1];
+  covariance[1] = x[0] * a[2] + x[1] * a[3];
+  covariance[2] = y[0] * a[2] + y[1] * a[3];
+}
+
+// Moves the warp by the shift back, at most kMaxPatchStep far.
+MFIR_HOST_DEVICE void MoveBack(const PatchShift& shift,
+                               float length,
+                               PatchWarp* warp) {
+  const float scale = length > kMaxPatchStep ? kMaxPatchStep / length : 1.0f;
+  for (int row = 0; row < 2; ++row) {
+    warp->center[row] -= scale * (warp->affine[2 * row] * shift.u +
+                                  warp->affine[2 * row + 1] * shift.v);
+  }
+}
+
+// Moves the centre of the warp to where the image fits the reference patch
+// best. The shape of the warp stays: geometry knows it better than the few
+// pixels of a patch do. `samples` (kPatchStride) is shared by the group, `warp`
+// each thread's own.
 template <typename Group>
 MFIR_HOST_DEVICE PatchAlignment AlignPatch(const Group& group,
                                            const PatchDisc& disc,
@@ -506,28 +549,27 @@ MFIR_HOST_DEVICE PatchAlignment AlignPatch(const Group& group,
                                            const SplineView& image,
                                            float* samples,
                                            PatchWarp* warp) {
-  const PatchWarp start = *warp;
-  PatchAlignment result;
-  result.end = PatchEnd::kDiverged;
-  result.fit.zncc = 0.0f;
-  result.fit.noise_variance = 0.0f;
+  const double start[2] = {warp->center[0], warp->center[1]};
+  PatchAlignment result = {};
   for (int i = 0; i < kMaxNumPatchIterations; ++i) {
-    if (!IsPatchInside(image, *warp, kPatchRadius)) {
-      result.end = PatchEnd::kOutside;
-      return result;
-    }
+    result.end = PatchEnd::kOutside;
+    if (!IsPatchInside(image, *warp, kPatchRadius)) return result;
     group.Sync();
     SamplePatch(group, disc, image, *warp, samples);
-    FitCoefficients(group, patch, samples, result.fit.coefficients);
-    if (!(result.fit.coefficients[kGainIdx] > 0.0f)) {
-      result.end = PatchEnd::kDissimilar;
-      return result;
-    }
-    const float step = UpdatePatchWarp(result.fit.coefficients, warp);
-    if (!IsNearStart(start, *warp)) return result;
-    if (step < kPatchStepTolerance) {
-      // The samples are those of a hardly different warp.
-      AssessFit(group, patch, samples, &result.fit);
+    PatchShift shift;
+    result.end = PatchEnd::kDissimilar;
+    if (!FindPatchShift(group, patch, samples, &shift)) return result;
+    const float length = sqrtf(shift.u * shift.u + shift.v * shift.v);
+    MoveBack(shift, length, warp);
+    const double dx = warp->center[0] - start[0];
+    const double dy = warp->center[1] - start[1];
+    result.end = PatchEnd::kDiverged;
+    // Negated, so that NaN ends it.
+    if (!(dx * dx + dy * dy <= kMaxPatchShift * kMaxPatchShift)) return result;
+    if (length < kPatchStepTolerance) {
+      // The fit is that of a hardly different warp.
+      result.zncc = shift.zncc;
+      MapCovariance(*warp, shift, result.covariance);
       result.end = PatchEnd::kConverged;
       return result;
     }
@@ -614,27 +656,6 @@ MFIR_HOST_DEVICE float SearchPatch(const Group& group,
         warp->affine[2 * row] * u + warp->affine[2 * row + 1] * v;
   }
   return scores[best];
-}
-
-// Covariance (row-major 2 x 2, px^2 of the other image) of the warp's centre
-// that follows from the noise of the fit, if pixels err independently.
-MFIR_HOST_DEVICE void PatchCovariance(const PatchTemplate& patch,
-                                      const PatchFit& fit,
-                                      const PatchWarp& warp,
-                                      float* covariance) {
-  constexpr int n = kNumPatchBasis;
-  const float* a = warp.affine;
-  const float xx = patch.inverse[0];
-  const float xy = patch.inverse[1];
-  const float yy = patch.inverse[n + 1];
-  for (int row = 0; row < 2; ++row) {
-    const float x = a[2 * row] * xx + a[2 * row + 1] * xy;
-    const float y = a[2 * row] * xy + a[2 * row + 1] * yy;
-    for (int column = 0; column < 2; ++column) {
-      covariance[2 * row + column] =
-          fit.noise_variance * (x * a[2 * column] + y * a[2 * column + 1]);
-    }
-  }
 }
 
 }  // namespace mfir

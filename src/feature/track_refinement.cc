@@ -264,14 +264,11 @@ class TrackRefiner {
     const PatchAlignment alignment =
         mfir::AlignPatch(reference.patch, image, &warp);
     if (alignment.end == PatchEnd::kOutside) return PatchOutcome::kOutside;
-    if (alignment.end != PatchEnd::kConverged ||
-        alignment.fit.zncc < min_zncc) {
+    if (alignment.end != PatchEnd::kConverged || alignment.zncc < min_zncc) {
       return PatchOutcome::kDissimilar;
     }
     // Negated, so that NaN fails.
-    if (!(PatchStd(reference.patch, alignment.fit, warp) < options_.max_std)) {
-      return PatchOutcome::kVague;
-    }
+    if (!(PatchStd(alignment) < options_.max_std)) return PatchOutcome::kVague;
     PatchWarp second = first;
     SetCenter(second_start, &second);
     const PatchAlignment other =

@@ -39,10 +39,10 @@ struct TrackRefinementOptions {
   double min_zncc = 0.8;
   double min_added_zncc = 0.85;
   // whose texture determines the position as well as this (px),
-  double max_std = 0.3;
+  double max_std = 0.2;
   // and not further from the keypoint, or from the projection (px).
   double max_shift = 1.5;
-  double max_added_shift = 2.5;
+  double max_added_shift = 2.0;
   // Between the lines of sight of the reference view and a new one (degrees).
   double max_added_angle = 60.0;
 

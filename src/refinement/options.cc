@@ -60,7 +60,12 @@ void MultiFrameOptions::Check() const {
   for (const auto& [name, value] :
        {std::make_pair("refine_keypoints", refine_keypoints),
         std::make_pair("complete_tracks", complete_tracks)}) {
-    if (value && NumScheduleSolves() > 0) {
+    CheckAtLeast(name, value, -1);
+    if (value > 1) {
+      throw UsageError("--MultiFrame." + std::string(name) +
+                       " must be -1 (auto), 0 or 1.");
+    }
+    if (value == 1 && NumScheduleSolves() > 0) {
       throw UsageError(
           "The solves of a schedule keep their tracks: with "
           "--MultiFrame.max_prior_weight or progressive 0, "

@@ -59,9 +59,10 @@ struct MultiFrameOptions {
   int retriangulation_rounds = 0;
 
   // Align keypoints, and look for tracks in further cameras, on the images
-  // (track_refinement.h). Not with a schedule.
-  bool refine_keypoints = false;
-  bool complete_tracks = false;
+  // (track_refinement.h). Not with a schedule. -1: where there are images, but
+  // not with "paper".
+  int refine_keypoints = -1;
+  int complete_tracks = -1;
 
   // What becomes of tracks that are in place in several frames: "merge", "keep"
   // or "drop", see StaticPoints.
@@ -91,6 +92,9 @@ struct MultiFrameOptions {
 
   // Physical camera of an image name, see CameraNaming.
   std::string camera_name_regex;
+
+  // Frame of an image name, where one model holds many: see FrameNames.
+  std::string frame_name_regex;
 
   // "none", "sift", "onnx" or "database"; empty: "sift" with images, else
   // "none".

@@ -2,35 +2,87 @@
 
 #pragma once
 
-#include <omp.h>
-
+#include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <exception>
+#include <system_error>
+#include <thread>
 #include <vector>
 
 namespace mfir {
 
-// Calls function(i) for i in [0, count) on `num_threads` threads (-1: all). If
-// calls throw, the exception of the lowest i is thrown after the loop, so that
+// Calls function(worker, i) for i in [0, count) on `num_threads` threads, each
+// with a worker of its own: what make_worker() returns. The calling thread is
+// one of them. The others live as long as the loop: OpenMP's would go on
+// spinning for work after it, which costs other programs, and other loops of
+// ours, their time.
+//
+// If calls throw, the exception of the lowest i is thrown in the end, so that
 // the outcome does not depend on the number of threads.
-template <typename Function>
-void ParallelFor(size_t count, int num_threads, const Function& function) {
+template <typename MakeWorker, typename Function>
+void ParallelForWithWorkers(size_t count,
+                            int num_threads,
+                            const MakeWorker& make_worker,
+                            const Function& function) {
   std::vector<std::exception_ptr> exceptions(count);
-  const int effective_num_threads =
-      num_threads > 0 ? num_threads : omp_get_max_threads();
-#pragma omp parallel for schedule(dynamic) num_threads(effective_num_threads)
-  for (size_t i = 0; i < count; ++i) {
+  std::atomic<size_t> next = 0;
+  const auto run = [&]() {
+    size_t i = next++;
+    if (i >= count) return;
     try {
-      function(i);
+      auto worker = make_worker();
+      for (; i < count; i = next++) {
+        try {
+          function(worker, i);
+        } catch (...) {
+          exceptions[i] = std::current_exception();
+        }
+      }
     } catch (...) {
       exceptions[i] = std::current_exception();
     }
+  };
+  std::vector<std::thread> threads;
+  const size_t num =
+      std::min(count, static_cast<size_t>(std::max(1, num_threads)));
+  try {
+    for (size_t i = 1; i < num; ++i) threads.emplace_back(run);
+  } catch (const std::system_error&) {
+    // The system gives no more threads: those that there are do the work.
   }
+  run();
+  for (std::thread& thread : threads) thread.join();
   for (const std::exception_ptr& exception : exceptions) {
-    if (exception) {
-      std::rethrow_exception(exception);
-    }
+    if (exception) std::rethrow_exception(exception);
   }
+}
+
+namespace internal {
+inline thread_local bool is_within_loop = false;
+}  // namespace internal
+
+// Calls function(i) for i in [0, count) on `num_threads` threads (-1: all of
+// the machine). Within another such loop: on the calling thread.
+template <typename Function>
+void ParallelFor(size_t count, int num_threads, const Function& function) {
+  struct Scope {
+    const bool before = internal::is_within_loop;
+    Scope() { internal::is_within_loop = true; }
+    ~Scope() { internal::is_within_loop = before; }
+  };
+  if (num_threads <= 0) {
+    num_threads = static_cast<int>(std::thread::hardware_concurrency());
+  }
+  if (internal::is_within_loop) num_threads = 1;
+  ParallelForWithWorkers(
+      count,
+      num_threads,
+      []() { return 0; },
+      [&function](int, size_t i) {
+        const Scope scope;
+        function(i);
+      });
 }
 
 }  // namespace mfir

@@ -45,10 +45,13 @@ evaluate() {
   metrics "$work/evaluation.json"
 }
 
-# list_frames FRAMES FIRST COUNT: names of frames, one per line; FIRST from 1.
+# list_frames FRAMES FIRST COUNT: names of frames, one per line; FIRST from 1. With
+# $every_second, every second frame from FIRST on.
+every_second=
 list_frames() {
   find "$1" -mindepth 1 -maxdepth 1 -type d -printf '%f\n' | sort |
-    tail -n "+$2" | head -n "$3"
+    tail -n "+$2" | awk -v step="${every_second:+2}" \
+    '(NR - 1) % (step ? step : 1) == 0' | head -n "$3"
 }
 
 # refine NAME FRAMES RIG FIRST COUNT [OPTION...]: keeps the result in $work/NAME,
@@ -105,4 +108,16 @@ halves() {
   in_stds "$1: repeatability" "$work/$first" "$work/$second"
   left_out "$first" "$2" $(($4 + 1)) "$4"
   left_out "$second" "$2" 1 "$4"
+}
+
+# interleaved NAME FRAMES RIG HALF [OPTION...]: the same for the odd frames against
+# the even ones, HALF of each.
+interleaved() {
+  local every_second=1
+  refine "$1_odd" "$2" "$3" 1 "$4" "${@:5}"
+  refine "$1_even" "$2" "$3" 2 "$4" "${@:5}"
+  evaluate "$1: repeatability" "$work/$1_odd" "$work/$1_even/rig"
+  in_stds "$1: repeatability" "$work/$1_odd" "$work/$1_even"
+  left_out "$1_odd" "$2" 2 "$4"
+  left_out "$1_even" "$2" 1 "$4"
 }

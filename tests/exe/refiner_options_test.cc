@@ -112,6 +112,26 @@ TEST_F(RefinerOptionsTest, OptionsThatChangeNoNumber) {
             std::string::npos);
 }
 
+// On where there are images, off with the paper's settings; without an image of
+// its own a frame keeps its keypoints.
+TEST_F(RefinerOptionsTest, KeypointsAreRefinedWhereThereAreImages) {
+  fs::create_directories(Path("no_images"));
+  ExpectRefines();
+  EXPECT_EQ(Summary()["options"]["MultiFrame.refine_keypoints"], 0);
+  const CommandResult result =
+      Refine({{"image_path", Path("no_images")},
+              {"MultiFrame.dense_features", "none"}});
+  EXPECT_EQ(result.exit_code, kExitSuccess) << result.error;
+  EXPECT_NE(result.output.find("keeps its keypoints"), std::string::npos)
+      << result.output;
+  EXPECT_EQ(Summary()["options"]["MultiFrame.refine_keypoints"], 1);
+  EXPECT_EQ(Summary()["options"]["MultiFrame.complete_tracks"], 1);
+  ExpectRefines({{"image_path", Path("no_images")},
+                 {"MultiFrame.dense_features", "none"},
+                 {"MultiFrame.preset", "paper"}});
+  EXPECT_EQ(Summary()["options"]["MultiFrame.complete_tracks"], 0);
+}
+
 TEST_F(RefinerOptionsTest, AllOptionsLandInSummaryAndProjectFile) {
   ExpectRefines({{"MultiFrame.num_threads", "1"}});
   const nlohmann::json options = Summary()["options"];

@@ -182,20 +182,92 @@ struct AffinePair {
   }
 };
 
-TEST(AlignPatch, FindsShiftShapeGainAndOffset) {
+// The warp of the pair, off its centre.
+PatchWarp NearWarp(const AffinePair& pair, double dx, double dy) {
+  PatchWarp warp =
+      Shift(pair.other_center.x() + dx, pair.other_center.y() + dy);
+  for (int i = 0; i < 4; ++i) {
+    warp.affine[i] = static_cast<float>(pair.affine(i / 2, i % 2));
+  }
+  return warp;
+}
+
+TEST(AlignPatch, FindsThePlaceAndKeepsTheShape) {
   const AffinePair pair;
   PatchTemplate patch;
   ASSERT_TRUE(MakePatchTemplate(pair.Reference(), pair.center, &patch));
-  PatchWarp warp = Shift(31.1, 25.9);
-  const PatchAlignment result = AlignPatch(patch, pair.Other(0.0, 0), &warp);
-  ASSERT_EQ(result.end, PatchEnd::kConverged);
-  EXPECT_NEAR(warp.center[0], pair.other_center.x(), 0.01);
-  EXPECT_NEAR(warp.center[1], pair.other_center.y(), 0.01);
-  for (int i = 0; i < 4; ++i) {
-    EXPECT_NEAR(warp.affine[i], pair.affine(i / 2, i % 2), 0.01);
+  const SplineImage other = pair.Other(0.0, 0);
+  for (const auto& [dx, dy] :
+       {std::make_pair(-0.6, 0.7), std::make_pair(1.3, 0.9)}) {
+    PatchWarp warp = NearWarp(pair, dx, dy);
+    const PatchAlignment result = AlignPatch(patch, other, &warp);
+    ASSERT_EQ(result.end, PatchEnd::kConverged);
+    EXPECT_NEAR(warp.center[0], pair.other_center.x(), 0.005);
+    EXPECT_NEAR(warp.center[1], pair.other_center.y(), 0.005);
+    for (int i = 0; i < 4; ++i) {
+      EXPECT_EQ(warp.affine[i], static_cast<float>(pair.affine(i / 2, i % 2)));
+    }
+    EXPECT_GT(result.zncc, 0.999f);
+    EXPECT_LT(PatchStd(result), 0.02);
   }
-  EXPECT_NEAR(result.fit.coefficients[kGainIdx] / patch.contrast, 0.7, 0.01);
-  EXPECT_GT(result.fit.zncc, 0.999f);
+}
+
+// R = (1, -1, 1, -1, ...), gradients with periods of 4 and 8, all orthogonal:
+// samples 3 (R + 0.5 R_x - 0.25 R_y) + 5.
+TEST(FindPatchShift, HandComputedShift) {
+  PatchTemplate patch = {};
+  float samples[kPatchStride] = {};
+  // The last of 81 samples is zero everywhere.
+  for (int i = 0; i < 80; ++i) {
+    patch.basis[kGainIdx][i] = i % 2 == 0 ? 1.0f : -1.0f;
+    patch.basis[kOffsetIdx][i] = 1.0f;
+    patch.gradient[0][i] = i % 4 < 2 ? 1.0f : -1.0f;
+    patch.gradient[1][i] = i % 8 < 4 ? 1.0f : -1.0f;
+    samples[i] =
+        3.0f * (patch.basis[kGainIdx][i] + 0.5f * patch.gradient[0][i] -
+                0.25f * patch.gradient[1][i]) +
+        5.0f;
+  }
+  patch.gradient_inverse[0] = 1.0f / 80.0f;
+  patch.gradient_inverse[2] = 1.0f / 80.0f;
+  PatchShift shift;
+  ASSERT_TRUE(FindPatchShift(SerialGroup(), patch, samples, &shift));
+  // The gain is a little low: 80 of 81.
+  EXPECT_NEAR(shift.u, 0.5, 0.01);
+  EXPECT_NEAR(shift.v, -0.25, 0.01);
+  // A power of 9 beside 9 (0.25 + 0.0625).
+  EXPECT_NEAR(shift.zncc, 1.0 / std::sqrt(1.3125), 0.02);
+  for (float& sample : samples) sample = -sample;
+  EXPECT_FALSE(FindPatchShift(SerialGroup(), patch, samples, &shift));
+}
+
+TEST(PatchTemplate, GradientIsThatOfThePatch) {
+  const AffinePair pair;
+  const SplineImage image = pair.Reference();
+  PatchTemplate patch;
+  ASSERT_TRUE(MakePatchTemplate(image, pair.center, &patch));
+  double products[2][2] = {};
+  for (int j = 0; j < 2; ++j) {
+    double by_patch = 0.0, by_one = 0.0;
+    for (int i = 0; i < kPatchStride; ++i) {
+      by_patch += patch.gradient[j][i] * patch.basis[kGainIdx][i];
+      by_one += patch.gradient[j][i] * patch.basis[kOffsetIdx][i];
+      for (int k = 0; k < 2; ++k) {
+        products[j][k] += patch.gradient[j][i] * patch.gradient[k][i];
+      }
+    }
+    EXPECT_NEAR(by_patch, 0.0, 1e-3);
+    EXPECT_NEAR(by_one, 0.0, 1e-3);
+  }
+  const float* inverse = patch.gradient_inverse;
+  for (int j = 0; j < 2; ++j) {
+    EXPECT_NEAR(products[j][0] * inverse[0] + products[j][1] * inverse[1],
+                j == 0 ? 1.0 : 0.0,
+                1e-3);
+    EXPECT_NEAR(products[j][0] * inverse[1] + products[j][1] * inverse[2],
+                j == 1 ? 1.0 : 0.0,
+                1e-3);
+  }
 }
 
 TEST(AlignPatch, QuadraticPartIsKept) {
@@ -230,23 +302,22 @@ TEST(AlignPatch, PredictedStdHolds) {
   double squared = 0.0, predicted = 0.0;
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (int i = 0; i < kNumTrials; ++i) {
-    PatchWarp warp = Shift(31.4, 25.4);
+    PatchWarp warp = NearWarp(pair, -0.3, 0.2);
     const PatchAlignment result =
         AlignPatch(patch, pair.Other(3.0, i + 1), &warp);
     ASSERT_EQ(result.end, PatchEnd::kConverged);
-    float covariance[4];
-    PatchCovariance(patch, result.fit, warp, covariance);
-    predicted += covariance[0] + covariance[3];
+    const float trace = result.covariance[0] + result.covariance[2];
+    predicted += trace;
     const Eigen::Vector2d error(warp.center[0] - pair.other_center.x(),
                                 warp.center[1] - pair.other_center.y());
     squared += error.squaredNorm();
     mean += error / kNumTrials;
-    const double std = PatchStd(patch, result.fit, warp);
-    EXPECT_GE(std * std * 2.0, (covariance[0] + covariance[3]) * 0.999);
-    EXPECT_LE(std * std, (covariance[0] + covariance[3]) * 1.001);
+    const double std = PatchStd(result);
+    EXPECT_GE(std * std * 2.0, trace * 0.999);
+    EXPECT_LE(std * std, trace * 1.001);
   }
-  // On the small side: the noise is in the gradients as well.
-  EXPECT_NEAR(std::sqrt(squared / predicted), 1.1, 0.2);
+  // On the small side: interpolation smooths a part of the noise away.
+  EXPECT_NEAR(std::sqrt(squared / predicted), 1.1, 0.15);
   EXPECT_LT(mean.norm(), 0.02);
 }
 
@@ -265,6 +336,11 @@ TEST(AlignPatch, SaysWhyItFails) {
       });
   warp = Shift(pair.center.x(), pair.center.y());
   EXPECT_EQ(AlignPatch(patch, negative, &warp).end, PatchEnd::kDissimilar);
+  // Further than the alignment may move.
+  warp = NearWarp(pair, 0.0, 0.0);
+  const SplineImage ramp =
+      RenderFunction(kWidth, kHeight, [](double x, double) { return 2.0 * x; });
+  EXPECT_NE(AlignPatch(patch, ramp, &warp).end, PatchEnd::kConverged);
 }
 
 TEST(SearchPatch, FindsWholeShifts) {

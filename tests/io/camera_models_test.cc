@@ -1,6 +1,8 @@
 #include "colmap_ext/io/camera_models.h"
 
 #include <memory>
+#include <optional>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -187,6 +189,29 @@ TEST(CameraModels, ListsEveryModelOnceByIdentifier) {
   for (size_t i = 1; i < models.size(); ++i) {
     EXPECT_LT(CameraModelId(*models[i - 1]), CameraModelId(*models[i]));
   }
+}
+
+TEST(CameraModels, SaysWhyModelsOfOtherVersionsAreNotSupported) {
+  const std::vector<std::pair<int, std::string>> of_colmap4 = {
+      {11, "RAD_TAN_THIN_PRISM_FISHEYE"},
+      {12, "SIMPLE_DIVISION"},
+      {13, "DIVISION"},
+      {14, "SIMPLE_FISHEYE"},
+      {15, "FISHEYE"},
+      {16, "EUCM"},
+      {17, "EQUIRECTANGULAR"}};
+  for (const auto& [id, name] : of_colmap4) {
+    if (FindCameraModel(id) != nullptr) {
+      EXPECT_EQ(FindCameraModel(id)->Name(), name);
+      continue;
+    }
+    const std::optional<std::string> reason = WhyNotSupported(id);
+    ASSERT_TRUE(reason) << name;
+    EXPECT_NE(reason->find("the camera model " + name), std::string::npos);
+    EXPECT_EQ(WhyNotSupported(name), reason);
+  }
+  EXPECT_FALSE(WhyNotSupported(18));
+  EXPECT_FALSE(WhyNotSupported("PINHOLE_"));
 }
 
 TEST(CameraModels, UnknownModelsAreNotFound) {

@@ -173,12 +173,18 @@ TEST(MultiFrameOptions, NewTracksNeedALastSolveOnly) {
 TEST(MultiFrameOptions, SchedulesKeepTheirKeypoints) {
   MultiFrameOptions options;
   options.ApplyPreset("accurate");
-  options.refine_keypoints = true;
-  options.complete_tracks = true;
+  options.refine_keypoints = 1;
+  options.complete_tracks = 1;
   EXPECT_NO_THROW(options.Check());
   options.ApplyPreset("paper");
   ExpectRefused(options, "refine_keypoints");
-  options.refine_keypoints = false;
+  options.refine_keypoints = 0;
+  ExpectRefused(options, "complete_tracks");
+  options.complete_tracks = -1;
+  EXPECT_NO_THROW(options.Check());
+  options.complete_tracks = 2;
+  ExpectRefused(options, "complete_tracks");
+  options.complete_tracks = -2;
   ExpectRefused(options, "complete_tracks");
 }
 

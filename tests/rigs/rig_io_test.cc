@@ -159,12 +159,23 @@ TEST(WriteKRT, RoundTripIsBitIdentical) {
 
 TEST(WriteKRT, ModelsOfCOLMAP) {
   const TemporaryFolder folder;
-  const std::vector<std::string> without_distortion = {"FOV",
-                                                       "FULL_OPENCV",
-                                                       "OPENCV_FISHEYE",
-                                                       "RADIAL_FISHEYE",
-                                                       "SIMPLE_RADIAL_FISHEYE",
-                                                       "THIN_PRISM_FISHEYE"};
+  std::vector<std::string> without_distortion = {"FOV",
+                                                 "FULL_OPENCV",
+                                                 "OPENCV_FISHEYE",
+                                                 "RADIAL_FISHEYE",
+                                                 "SIMPLE_RADIAL_FISHEYE",
+                                                 "THIN_PRISM_FISHEYE"};
+  for (const char* of_colmap4 : {"RAD_TAN_THIN_PRISM_FISHEYE",
+                                 "SIMPLE_DIVISION",
+                                 "DIVISION",
+                                 "SIMPLE_FISHEYE",
+                                 "FISHEYE",
+                                 "EUCM"}) {
+    if (FindCameraModel(of_colmap4) != nullptr) {
+      without_distortion.push_back(of_colmap4);
+    }
+  }
+  std::sort(without_distortion.begin(), without_distortion.end());
   std::vector<KnownCamera> cameras;
   for (const CameraModel* model : AllCameraModels()) {
     KnownCamera& camera = cameras.emplace_back();

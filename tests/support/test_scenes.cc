@@ -24,7 +24,26 @@ std::vector<double> TypicalParams(const CameraModel& model) {
       {"SIMPLE_RADIAL_FISHEYE", {0.05}},
       {"RADIAL_FISHEYE", {0.05, -0.02}},
       {"THIN_PRISM_FISHEYE",
-       {0.03, -0.02, 0.001, -0.002, 0.01, -0.005, 0.002, -0.001}}};
+       {0.03, -0.02, 0.001, -0.002, 0.01, -0.005, 0.002, -0.001}},
+      // Of COLMAP 4.
+      {"RAD_TAN_THIN_PRISM_FISHEYE",
+       {0.03,
+        -0.02,
+        0.01,
+        -0.005,
+        0.002,
+        -0.001,
+        0.001,
+        -0.002,
+        0.002,
+        0.001,
+        -0.001,
+        0.002}},
+      {"SIMPLE_DIVISION", {-0.1}},
+      {"DIVISION", {-0.1}},
+      {"SIMPLE_FISHEYE", {}},
+      {"FISHEYE", {}},
+      {"EUCM", {0.56, 0.87}}};
   std::vector<double> params(model.NumParams());
   const std::vector<size_t>& focal_idxs = model.FocalLengthIdxs();
   for (size_t i = 0; i < focal_idxs.size(); ++i) {

@@ -24,7 +24,7 @@ void TriangulateImages(const TriangulationOptions& options,
   colmap::IncrementalMapper::Options mapper_options;
   mapper_options.filter_max_reproj_error = options.filter_max_reproj_error;
   mapper_options.filter_min_tri_angle = options.filter_min_tri_angle;
-  colmap::SetPRNGSeed(0);
+  colmap::SetPRNGSeed(colmap::kDefaultPRNGSeed);
   colmap::IncrementalMapper mapper(&cache);
   mapper.BeginReconstruction(reconstruction);
   for (const image_t image_id : image_ids) {

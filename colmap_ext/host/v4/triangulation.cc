@@ -30,7 +30,7 @@ void TriangulateImages(const TriangulationOptions& options,
   const auto graph = cache->CorrespondenceGraph();
   const auto observations =
       std::make_shared<colmap::ObservationManager>(*reconstruction, graph);
-  colmap::SetPRNGSeed(0);
+  colmap::SetPRNGSeed(colmap::kDefaultPRNGSeed);
   colmap::IncrementalTriangulator triangulator(
       graph, *reconstruction, observations);
   for (const image_t image_id : image_ids) {
