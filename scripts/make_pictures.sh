@@ -20,8 +20,8 @@ picture() {
 }
 
 # The verdict, the array, and one camera.
-picture report 1080 1290 "section{display:none}#verdict,#array,#cameras{display:block}
+picture report 1080 1430 "section{display:none}#verdict,#array,#cameras{display:block}
   .note,#cameras>p,#cameras>h2,#array>p,.array .buttons,.card+.card,nav{display:none}.array canvas{height:22rem}"
 picture report_verdict 900 520 ""
-picture report_camera 1080 420 "header,nav,section,#cameras>h2,#cameras>p,.card{display:none}nav{display:none!important}
+picture report_camera 1080 560 "header,nav,section,#cameras>h2,#cameras>p,.card{display:none}nav{display:none!important}
   #cameras,#camera-0{display:block}#camera-0{border:0}"

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -66,7 +67,10 @@ Json DescribeFiles(const RefinerOptions& options, const Capture& capture) {
     AddHashed(path, &list);
   }
   AddLarge(options.multi_frame.features.database_path, &list);
+  // One model may have all frames.
+  std::set<std::string> models;
   for (const FrameModel* frame : capture.UsedFrames()) {
+    if (!models.insert(frame->model_path).second) continue;
     AddHashed(frame->model_path, &list);
     AddLarge(frame->database_path, &list);
   }
