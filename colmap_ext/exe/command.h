@@ -14,6 +14,7 @@ int RunCommand(const std::function<void()>& body);
 int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
 int RunMultiFrameEvaluator(int argc, char** argv);
+int RunMultiFrameReporter(int argc, char** argv);
 int RunMultiFrameRigConverter(int argc, char** argv);
 int RunMultiFrameSimulator(int argc, char** argv);
 int RunMultiFrameTriangulator(int argc, char** argv);

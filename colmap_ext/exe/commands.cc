@@ -10,6 +10,7 @@ COLMAP_REGISTER_COMMAND("multi_frame_automatic_refiner",
 COLMAP_REGISTER_COMMAND("multi_frame_evaluator", RunMultiFrameEvaluator);
 COLMAP_REGISTER_COMMAND("multi_frame_intrinsics_refiner",
                         RunMultiFrameIntrinsicsRefiner);
+COLMAP_REGISTER_COMMAND("multi_frame_reporter", RunMultiFrameReporter);
 COLMAP_REGISTER_COMMAND("multi_frame_rig_converter", RunMultiFrameRigConverter);
 COLMAP_REGISTER_COMMAND("multi_frame_simulator", RunMultiFrameSimulator);
 COLMAP_REGISTER_COMMAND("multi_frame_triangulator", RunMultiFrameTriangulator);

@@ -38,6 +38,10 @@ struct EvaluatorOptions {
 EvaluatorOptions ParseOptions(int argc, char** argv) {
   EvaluatorOptions options;
   OptionParser parser;
+  parser.SetHelp(
+      "Compares intrinsics with known ones: mean errors of focal lengths and "
+      "principal points, and the part\nthat all cameras share.",
+      "colmap multi_frame_evaluator --input_path OUT --ground_truth_path RIG");
   parser.AddRequired("input_path",
                      &options.input_path,
                      "Result of the refiner, a model, or a folder of frames");

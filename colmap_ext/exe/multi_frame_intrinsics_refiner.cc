@@ -60,6 +60,7 @@ RunReport MakeReport(const RefinerOptions& options,
       EvaluateCameras(inputs.true_cameras,
                       result.refined.estimate.cameras,
                       options.multi_frame.quiet ? nullptr : &std::cout);
+  report.write_page = options.multi_frame.report;
   report.image_path = options.image_path;
   report.stages = progress->Stages();
   report.timings_s = progress->Timings();

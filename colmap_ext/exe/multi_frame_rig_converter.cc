@@ -31,6 +31,10 @@ struct ConverterOptions {
 ConverterOptions ParseOptions(int argc, char** argv) {
   ConverterOptions options;
   OptionParser parser;
+  parser.SetHelp(
+      "Writes the known extrinsics of a camera array in another format.",
+      "colmap multi_frame_rig_converter --input_path RIG "
+      "--output_path RIG2 --output_type TYPE");
   parser.AddRequired("input_path", &options.input_path, "The rig");
   parser.AddRequired("output_path",
                      &options.output_path,

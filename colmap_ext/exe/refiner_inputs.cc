@@ -1,5 +1,7 @@
 #include "colmap_ext/exe/refiner_inputs.h"
 
+#include "colmap_ext/exe/input_files.h"
+
 #include <algorithm>
 #include <iostream>
 #include <limits>
@@ -173,7 +175,8 @@ nlohmann::ordered_json DescribeInputs(const RefinerOptions& options,
           {"image_path", options.image_path},
           {"num_rig_cameras", rig.cameras.size()},
           {"cameras_without_images", capture.cameras_without_images},
-          {"images_without_camera", capture.images_without_camera}};
+          {"images_without_camera", capture.images_without_camera},
+          {"files", DescribeFiles(options, capture)}};
 }
 
 nlohmann::ordered_json EvaluateCameras(

@@ -51,7 +51,9 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   const auto add = [&](const char* name, auto* value, const char* help) {
     parser->Add(std::string("MultiFrame.") + name, value, help);
   };
+  parser->BeginGroup("Preset");
   add("preset", &options->preset, "accurate or paper: defaults of the others");
+  parser->BeginGroup("Weights of the terms and their schedule");
   add("reprojection_weight", &options->reprojection_weight, "lambda0");
   add("rotation_prior_weight",
       &options->rotation_prior_weight,
@@ -80,18 +82,27 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("progressive",
       &options->progressive,
       "0: a single solve at the initial weights");
+  parser->BeginGroup("Loss and solver");
   add("loss_scale",
       &options->loss_scale,
       "Cauchy scale (px); 0: loss estimated from the residuals");
   add("max_num_iterations",
       &options->max_num_iterations,
       "Iterations of one solve");
-  add("refine_focal_length", &options->refine_focal_length, "");
-  add("refine_principal_point", &options->refine_principal_point, "");
-  add("refine_extra_params", &options->refine_extra_params, "");
+  parser->BeginGroup("What is refined, and from where");
+  add("refine_focal_length",
+      &options->refine_focal_length,
+      "Whether focal lengths are refined");
+  add("refine_principal_point",
+      &options->refine_principal_point,
+      "Whether principal points are refined");
+  add("refine_extra_params",
+      &options->refine_extra_params,
+      "Whether distortion is refined");
   add("use_prior_intrinsics",
       &options->use_prior_intrinsics,
       "Start from the intrinsics of the extrinsics file");
+  parser->BeginGroup("Tracks and keypoints");
   add("retriangulation_rounds",
       &options->retriangulation_rounds,
       "How often frames with a database.db get new tracks, with the intrinsics "
@@ -110,6 +121,7 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
   add("held_out_share",
       &options->held_out_share,
       "Share of the tracks that take no part, to check the result");
+  parser->BeginGroup("Priors");
   add("extrinsics_rotation_std_deg",
       &options->extrinsics_rotation_std_deg,
       "Standard deviation of the known rotations per axis (degrees); 0: exact");
@@ -129,6 +141,7 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
       "Combinations of intrinsics about which the data say less (1/px^2) stay "
       "at their start; -1: determined worse than 2 % of the focal length or of "
       "half the image diagonal; 0: none");
+  parser->BeginGroup("Cameras and names");
   add("camera_model",
       &options->camera_model,
       "COLMAP camera model to convert all cameras to");
@@ -139,10 +152,13 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
       &options->frame_name_regex,
       "One capture group: the frame's name within an image name, where one "
       "model holds many frames");
+  parser->BeginGroup("Dense features");
   AddDenseFeatureOptions(options, parser);
+  parser->BeginGroup("Computer and output");
   add("use_gpu", &options->use_gpu, "-1: if there is one, 0, 1");
   add("gpu_index", &options->gpu_index, "-1: any");
   add("num_threads", &options->num_threads, "-1: all");
+  add("report", &options->report, "0: no report.html");
   add("quiet", &options->quiet, "No progress output");
 }
 
@@ -242,6 +258,7 @@ void AddRefinerOptions(RefinerOptions* options, OptionParser* parser) {
   AddPaths(options, parser);
   AddMultiFrameOptions(&options->multi_frame, parser);
   AddOutputOptions(options, parser);
+  parser->BeginGroup("New tracks (retriangulation_rounds)");
   AddTrackOptions(&options->tracks, parser);
   parser->AddSharedSection("MultiFrameTriangulator");
 }
@@ -251,6 +268,13 @@ void ParseRefinerOptions(int argc,
                          RefinerOptions* options,
                          OptionParser* parser) {
   MultiFrameOptions* multi_frame = &options->multi_frame;
+  parser->SetHelp(
+      "Refines the intrinsics of a camera array from several frames, with the "
+      "extrinsics known: one set of\nintrinsics per camera, in OUT/rig, with a "
+      "report for people (OUT/report.html) and for programs\n"
+      "(OUT/summary.json).",
+      "colmap multi_frame_intrinsics_refiner --input_path FRAMES "
+      "--extrinsics_path RIG --output_path OUT");
   AddRefinerOptions(options, parser);
   parser->Parse(argc, argv, "MultiFrame.preset", [&](const std::string& name) {
     multi_frame->ApplyPreset(name);

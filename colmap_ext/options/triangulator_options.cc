@@ -222,7 +222,9 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
   parser->Add("frame_list_path",
               &options->frame_list_path,
               "file with the names of the frames, one per line");
+  parser->BeginGroup("Pairs, start and computer");
   AddOwnOptions(options, parser);
+  parser->BeginGroup("Names and images");
   parser->Add("MultiFrame.camera_name_regex",
               &options->camera_name_regex,
               "one capture group: the camera name within an image name");
@@ -245,11 +247,13 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
   parser->Add("ImageReader.camera_mask_path",
               &options->camera_mask_path,
               "one mask for all images");
+  parser->BeginGroup("COLMAP's features and matching");
   const auto add = [parser](const std::string& name, auto* value) {
     parser->Add(name, value, "as in COLMAP");
   };
   host::VisitExtractionOptions(&options->feature_extraction, add);
   host::VisitMatchingOptions(&options->feature_matching, add);
+  parser->BeginGroup("Verification and triangulation");
   AddTrackOptions(options, parser);
   parser->AddSharedSection("MultiFrame");
   parser->AddSharedSection("ImageReader");

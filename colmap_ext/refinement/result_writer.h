@@ -1,4 +1,4 @@
-// What the refiner writes (README.md, "Output").
+// What the refiner writes (docs/formats.md).
 
 #pragma once
 
@@ -27,6 +27,7 @@ struct RunReport {
   std::string image_path;                 // empty: none
   std::vector<std::string> output_types;  // names of RigFormats
   Limits limits;
+  bool write_page = true;                 // report.html
 };
 
 // The files and folders of a result, as OutputFolder takes them.

@@ -1,5 +1,5 @@
 // Errors that end a command, each with the exit code of the contract
-// (README.md, "Exit codes").
+// (docs/troubleshooting.md, "Exit codes").
 
 #pragma once
 
