@@ -18,7 +18,8 @@ PACKAGES=(
   libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
   libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
   libmetis-dev libopencv-core-dev libopencv-dnn-dev
-  libsqlite3-dev nlohmann-json3-dev
+  libopencv-imgcodecs-dev libopencv-videoio-dev libpugixml-dev libsqlite3-dev
+  libssl-dev libyaml-cpp-dev nlohmann-json3-dev
 )
 # Of COLMAP 3.x, and of 4.x.
 PACKAGES_3=(libboost-filesystem-dev libboost-test-dev libflann-dev libfreeimage-dev liblz4-dev)

@@ -24,6 +24,9 @@ struct TriangulatorOptions {
   std::string mask_path;
   std::string frame_list_path;
   std::string camera_name_regex;
+  std::string frame_name_regex;
+  std::string video_offset_list_path;
+  bool scale_intrinsics = false;
 
   // [MultiFrameTriangulator]
   ViewOverlapOptions view_overlap;
