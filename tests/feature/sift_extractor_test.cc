@@ -159,10 +159,6 @@ TEST(BuiltInSift, LeavesToColmapWhatItCannotDo) {
     return BuiltInSiftSupports(options);
   };
   EXPECT_FALSE(supports([](auto* options) { options->use_gpu = true; }));
-  EXPECT_FALSE(supports(
-      [](auto* options) { host::SiftExtraction(*options).first_octave = 0; }));
-  EXPECT_FALSE(supports(
-      [](auto* options) { host::SiftExtraction(*options).upright = true; }));
   EXPECT_FALSE(supports([](auto* options) {
     host::SiftExtraction(*options).estimate_affine_shape = true;
   }));
