@@ -17,8 +17,9 @@ PACKAGES=(
   libboost-graph-dev libboost-program-options-dev
   libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
   libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
-  libmetis-dev libopencv-core-dev libopencv-dnn-dev libopencv-features2d-dev
-  libsqlite3-dev nlohmann-json3-dev
+  libmetis-dev libopencv-core-dev libopencv-dnn-dev
+  libopencv-imgcodecs-dev libopencv-videoio-dev libpugixml-dev libsqlite3-dev
+  libssl-dev libyaml-cpp-dev nlohmann-json3-dev
 )
 # Of COLMAP 3.x, and of 4.x.
 PACKAGES_3=(libboost-filesystem-dev libboost-test-dev libflann-dev libfreeimage-dev liblz4-dev)

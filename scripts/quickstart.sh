@@ -87,9 +87,12 @@ Written:
   $frames
     per frame a database and a sparse model
   $refined
-    the result: rig, frames, KRT, summary.json, history.csv, project.ini
+    the result: rig, frames, KRT, summary.json, history.csv, project.ini, report.html
   $before
   $after
     the evaluations
 Program: $colmap
+
+Open the report in a browser:
+  $refined/report.html
 WRITTEN

@@ -9,10 +9,10 @@ cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 # Bottom to top. A room may include itself and those before it.
 rooms=(
   src/util src/geometry src/sensor src/scene cuda src/feature src/estimators
-  src/evaluation src/refinement src/simulation
-  colmap_ext/host colmap_ext/io colmap_ext/rigs colmap_ext/options
+  src/evaluation src/report src/refinement src/simulation
+  colmap_ext/host colmap_ext/io colmap_ext/rig_formats colmap_ext/rigs colmap_ext/options
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
-  colmap_ext/controllers colmap_ext/refinement colmap_ext/exe
+  colmap_ext/controllers colmap_ext/report colmap_ext/refinement colmap_ext/exe
 )
 status=0
 num_includes=0

@@ -3,7 +3,8 @@
 # of COLMAP's own beside them, each exactly once.
 set -euo pipefail
 
-ours="multi_frame_evaluator multi_frame_intrinsics_refiner multi_frame_simulator
+ours="multi_frame_automatic_refiner multi_frame_evaluator multi_frame_intrinsics_refiner
+  multi_frame_reporter multi_frame_rig_converter multi_frame_simulator
   multi_frame_triangulator"
 shared="help gui automatic_reconstructor bundle_adjuster color_extractor
   database_cleaner database_creator database_merger exhaustive_matcher

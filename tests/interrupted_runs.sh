@@ -24,7 +24,7 @@ fail() {
 # Names and contents of all files, but for times and memory in summaries.
 digest() {
   (cd "$1" && find . -type f ! -name summary.json ! -name history.csv \
-    ! -name report.html ! -name multi_frame_triangulator.json ! -name database.db \
+    ! -name report.html ! -name triangulation.json ! -name database.db \
     -exec sha256sum {} + | sort -k 2)
 }
 

@@ -112,17 +112,17 @@ void Retriangulate(const MultiFrameOptions& options,
   FrameTimings timings;
   // Images without camera in RIG have been reported before.
   std::vector<std::string> warnings;
-  auto model = std::make_unique<host::Reconstruction>(
-      TriangulateFrame(track_options,
-                       CameraNaming(options.camera_name_regex),
-                       cameras,
-                       /*pairs=*/{},
-                       num_threads,
-                       /*progress=*/{},
-                       database.get(),
-                       &result->statistics,
-                       &timings,
-                       &warnings));
+  auto model = std::make_unique<host::Reconstruction>(TriangulateFrame(
+      track_options,
+      CameraNaming(options.camera_name_regex).OfFrame(frame.name),
+      cameras,
+      /*pairs=*/{},
+      num_threads,
+      /*progress=*/{},
+      database.get(),
+      &result->statistics,
+      &timings,
+      &warnings));
   const std::map<size_t, host::image_t> image_ids = ImageIds(*model);
   for (const auto& [camera_idx, image_id] : frame.image_ids) {
     const std::string& name = frame.reconstruction->Image(image_id).Name();

@@ -11,8 +11,11 @@ namespace mfir {
 // with 130 and 143 (src/util/interruption.h).
 int RunCommand(const std::function<void()>& body);
 
+int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
 int RunMultiFrameEvaluator(int argc, char** argv);
+int RunMultiFrameReporter(int argc, char** argv);
+int RunMultiFrameRigConverter(int argc, char** argv);
 int RunMultiFrameSimulator(int argc, char** argv);
 int RunMultiFrameTriangulator(int argc, char** argv);
 

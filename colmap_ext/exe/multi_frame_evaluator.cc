@@ -38,6 +38,10 @@ struct EvaluatorOptions {
 EvaluatorOptions ParseOptions(int argc, char** argv) {
   EvaluatorOptions options;
   OptionParser parser;
+  parser.SetHelp(
+      "Compares intrinsics with known ones: mean errors of focal lengths and "
+      "principal points, and the part\nthat all cameras share.",
+      "colmap multi_frame_evaluator --input_path OUT --ground_truth_path RIG");
   parser.AddRequired("input_path",
                      &options.input_path,
                      "Result of the refiner, a model, or a folder of frames");
@@ -46,10 +50,10 @@ EvaluatorOptions ParseOptions(int argc, char** argv) {
                      "Cameras with the true intrinsics");
   parser.Add("ground_truth_format",
              &options.ground_truth_format,
-             "auto, colmap, krt or opencv");
+             "auto, " + RigFormatNames());
   parser.Add("ground_truth_pixel_offset",
              &options.ground_truth_pixel_offset,
-             "Added to true principal points; nan: 0.5 for opencv, else 0");
+             "Added to true principal points; nan: that of the format");
   parser.Add("MultiFrame.camera_name_regex",
              &options.camera_name_regex,
              "One capture group: the camera name within an image name");
@@ -60,12 +64,7 @@ EvaluatorOptions ParseOptions(int argc, char** argv) {
   parser.AddSharedSection("MultiFrame");
   parser.Parse(argc, argv);
 
-  const std::vector<std::string> formats = {"auto", "colmap", "krt", "opencv"};
-  if (std::find(formats.begin(), formats.end(), options.ground_truth_format) ==
-      formats.end()) {
-    throw UsageError("--ground_truth_format " + options.ground_truth_format +
-                     ": must be auto, colmap, krt or opencv.");
-  }
+  CheckRigFormat("ground_truth_format", options.ground_truth_format);
   CheckPixelOffset("--ground_truth_pixel_offset",
                    options.ground_truth_pixel_offset);
   return options;
@@ -106,6 +105,9 @@ std::vector<CameraIntrinsics> ReadTrueCameras(const EvaluatorOptions& options,
                           options.ground_truth_format,
                           naming,
                           options.ground_truth_pixel_offset);
+  for (const std::string& remark : rig.remarks) {
+    std::cout << remark << std::endl;
+  }
   std::vector<CameraIntrinsics> cameras;
   for (const KnownCamera& camera : rig.cameras) {
     cameras.push_back({camera.name,
@@ -132,7 +134,8 @@ std::vector<FrameIntrinsics> ReadFrameEstimates(const EvaluatorOptions& options,
                 << "' has no sparse model and is left out." << std::endl;
       continue;
     }
-    estimates.push_back({name, ReadEstimatedCameras(model_path, naming)});
+    estimates.push_back(
+        {name, ReadEstimatedCameras(model_path, naming.OfFrame(name))});
   }
   if (estimates.empty()) {
     throw InputError(
@@ -163,7 +166,10 @@ std::vector<FrameIntrinsics> ReadEstimates(const EvaluatorOptions& options,
                      (is_result ? "multi-frame result." : "model."));
   }
   const fs::path model_path = is_result ? path / "rig" : path;
-  return {{"", ReadEstimatedCameras(model_path.string(), naming)}};
+  return {{"",
+           ReadEstimatedCameras(
+               model_path.string(),
+               naming.OfFrame(path.lexically_normal().filename().string()))}};
 }
 
 // A file that exists may be the ground truth, or the summary of the result.

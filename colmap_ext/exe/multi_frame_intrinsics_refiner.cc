@@ -60,9 +60,12 @@ RunReport MakeReport(const RefinerOptions& options,
       EvaluateCameras(inputs.true_cameras,
                       result.refined.estimate.cameras,
                       options.multi_frame.quiet ? nullptr : &std::cout);
+  report.write_page = options.multi_frame.report;
   report.image_path = options.image_path;
   report.stages = progress->Stages();
   report.timings_s = progress->Timings();
+  report.output_types = options.OutputTypes();
+  report.limits = options.limits;
   return report;
 }
 
@@ -100,6 +103,7 @@ void Refine(const RefinerOptions& options, const OptionParser& parser) {
   for (const std::string& remark : written.remarks) progress.Log(remark);
   progress.Log("Written to " + written.path);
   ThrowUnlessConverged(result, multi_frame.max_num_iterations, written.path);
+  ThrowIfOutsideLimits(written.violations, written.path);
 }
 
 }  // namespace

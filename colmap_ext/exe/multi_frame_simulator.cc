@@ -14,7 +14,13 @@ int RunMultiFrameSimulator(int argc, char** argv) {
     SimulatorOptions options;
     std::string output_path;
     OptionParser parser;
+    parser.SetHelp(
+        "Simulates a capture of a camera array with exact truth: images, "
+        "frames, drifted calibration.",
+        "colmap multi_frame_simulator --output_path CAPTURE "
+        "--Simulator.num_cameras 16");
     parser.AddRequired("output_path", &output_path, "folder of the capture");
+    parser.BeginGroup("Array, scene and errors");
     VisitSimulatorOptions(
         &options, [&](const char* name, auto* value, const char* help) {
           parser.Add(std::string("Simulator.") + name, value, help);

@@ -180,7 +180,7 @@ std::string ProcessFrame(const TriangulatorOptions& options,
     WriteModel(output.ModelPath(),
                /*with_text=*/false,
                TriangulateFrame(options,
-                                inputs.naming,
+                                inputs.naming.OfFrame(frame->name),
                                 inputs.cameras,
                                 inputs.pairs,
                                 num_threads,
@@ -285,6 +285,11 @@ int RunMultiFrameTriangulator(int argc, char** argv) {
   return RunCommand([argc, argv]() {
     TriangulatorOptions options;
     OptionParser parser;
+    parser.SetHelp(
+        "Makes a sparse model of every frame from its images and the known "
+        "extrinsics, without structure\nfrom motion.",
+        "colmap multi_frame_triangulator --image_path IMAGES "
+        "--extrinsics_path RIG --output_path FRAMES");
     AddTriangulatorOptions(&options, &parser);
     parser.Parse(argc, argv);
     ChooseDevice(&options);

@@ -1,5 +1,7 @@
 #include "colmap_ext/exe/refiner_inputs.h"
 
+#include "colmap_ext/exe/input_files.h"
+
 #include <algorithm>
 #include <iostream>
 #include <limits>
@@ -125,6 +127,8 @@ RefinerInputs ReadInputs(const RefinerOptions& options,
                        options.extrinsics_format,
                        CameraNaming(multi_frame.camera_name_regex),
                        options.extrinsics_pixel_offset);
+  inputs.rig.scale_intrinsics = options.scale_intrinsics;
+  for (const std::string& remark : inputs.rig.remarks) progress->Log(remark);
   inputs.true_cameras = ReadTrueCameras(options);
   Capture capture = ReadCapture(
       options.input_path, options.frame_list_path, inputs.rig, multi_frame);
@@ -171,7 +175,8 @@ nlohmann::ordered_json DescribeInputs(const RefinerOptions& options,
           {"image_path", options.image_path},
           {"num_rig_cameras", rig.cameras.size()},
           {"cameras_without_images", capture.cameras_without_images},
-          {"images_without_camera", capture.images_without_camera}};
+          {"images_without_camera", capture.images_without_camera},
+          {"files", DescribeFiles(options, capture)}};
 }
 
 nlohmann::ordered_json EvaluateCameras(

@@ -8,13 +8,16 @@
 
 #include <nlohmann/json.hpp>
 
-#include "colmap_ext/frames/frames.h"
+#include "colmap_ext/frames/capture_images.h"
+#include "colmap_ext/frames/capture_videos.h"
 #include "colmap_ext/host/feature_options.h"
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
+#include "colmap_ext/rigs/rig_scaling.h"
 #include "src/scene/view_overlap.h"
+#include "src/sensor/image_name.h"
 #include "src/sensor/unmatched_names.h"
 #include "src/util/errors.h"
 
@@ -24,57 +27,60 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
+// MASKS has the layout of the images; a mask of a camera counts for all frames.
 std::string FindMask(const TriangulatorOptions& options,
                      const std::string& frame_name,
-                     const std::string& image_name) {
+                     const std::string& image_name,
+                     const std::string& camera_name) {
   if (options.mask_path.empty()) return "";
   const fs::path masks = options.mask_path;
+  const std::string own_name =
+      fs::path(image_name).replace_extension(".png").string();
   for (const fs::path& path : {masks / frame_name / (image_name + ".png"),
-                               masks / (image_name + ".png")}) {
+                               masks / (image_name + ".png"),
+                               masks / frame_name / own_name,
+                               masks / own_name,
+                               masks / (camera_name + ".png")}) {
     if (fs::is_regular_file(path)) return path.string();
   }
   return "";
 }
 
-// Image files in the frame's folder by camera of the rig; adds to
+// The images of the frame by camera of the rig; adds to
 // `image_of_unknown_name`.
-InputFrame FindImages(const TriangulatorOptions& options,
-                      const CameraNaming& naming,
-                      const std::map<std::string, size_t>& camera_idxs,
-                      const std::string& frame_name,
-                      ImageOfName* image_of_unknown_name) {
+InputFrame MakeInputFrame(const TriangulatorOptions& options,
+                          const Rig& rig,
+                          const CaptureFrame& images,
+                          ImageOfName* image_of_unknown_name) {
   InputFrame frame;
-  frame.name = frame_name;
-  const fs::path folder = fs::path(options.image_path) / frame_name;
-  std::vector<std::string> names;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (host::IsImageFileName(entry.path().string()) &&
-        entry.is_regular_file()) {
-      names.push_back(entry.path().lexically_relative(folder).string());
-    }
-  }
-  std::sort(names.begin(), names.end());
-  const std::vector<std::string> camera_names = naming.Names(names);
+  frame.name = images.name;
   std::map<size_t, std::string> name_of_camera;
   std::vector<std::string> without_camera;
-  for (size_t i = 0; i < names.size(); ++i) {
-    const auto it = camera_idxs.find(camera_names[i]);
-    if (it == camera_idxs.end()) {
-      without_camera.push_back(names[i]);
-      image_of_unknown_name->emplace(camera_names[i],
-                                     frame_name + "/" + names[i]);
+  for (const CaptureImage& image : images.images) {
+    const auto camera = std::find_if(
+        rig.cameras.begin(), rig.cameras.end(), [&](const KnownCamera& known) {
+          return known.name == image.camera;
+        });
+    if (camera == rig.cameras.end()) {
+      without_camera.push_back(image.name);
+      image_of_unknown_name->emplace(image.camera,
+                                     images.name + "/" + image.name);
       continue;
     }
-    const auto inserted = name_of_camera.emplace(it->second, names[i]);
+    const auto camera_idx =
+        static_cast<size_t>(std::distance(rig.cameras.begin(), camera));
+    const auto inserted = name_of_camera.emplace(camera_idx, image.name);
     if (!inserted.second) {
       frame.failure = "the images '" + inserted.first->second + "' and '" +
-                      names[i] + "' belong to the same camera '" + it->first +
-                      "'; set --MultiFrame.camera_name_regex";
+                      image.name + "' belong to the same camera '" +
+                      image.camera + "'; set --MultiFrame.camera_name_regex";
     }
-    frame.files.push_back({it->second,
-                           names[i],
-                           (folder / names[i]).string(),
-                           FindMask(options, frame_name, names[i])});
+    frame.files.push_back(
+        {camera_idx,
+         image.name,
+         image.path,
+         FindMask(
+             options, images.name, image.name, FileStem(camera->image_name))});
   }
   if (!without_camera.empty()) {
     frame.warnings.push_back(std::to_string(without_camera.size()) +
@@ -83,6 +89,83 @@ InputFrame FindImages(const TriangulatorOptions& options,
                              without_camera.front());
   }
   return frame;
+}
+
+void LogMasks(const TriangulatorOptions& options,
+              const std::vector<InputFrame>& frames) {
+  if (options.mask_path.empty()) return;
+  size_t num_masks = 0;
+  size_t num_images = 0;
+  for (const InputFrame& frame : frames) {
+    num_images += frame.files.size();
+    for (const FrameImageFile& file : frame.files) {
+      num_masks += file.mask_path.empty() ? 0 : 1;
+    }
+  }
+  if (num_masks == 0) {
+    std::cerr << "WARNING: --mask_path " << options.mask_path
+              << " has a mask for none of the images. Masks are called like "
+                 "their images, with .png added."
+              << std::endl;
+  } else if (!options.quiet) {
+    std::cout << num_masks << " of " << num_images << " images have a mask"
+              << std::endl;
+  }
+}
+
+// The frames of videos, decoded to the output.
+CaptureImages FindVideoFrames(const TriangulatorOptions& options,
+                              const CameraNaming& naming,
+                              const std::vector<std::string>& rig_cameras) {
+  const std::vector<CaptureVideo> videos = FindCaptureVideos(
+      options.image_path, rig_cameras, naming, options.video_offset_list_path);
+  const std::vector<std::string> frames =
+      ListVideoFrames(videos, options.frame_list_path);
+  const auto log = [&options](const std::string& line) {
+    if (!options.quiet) std::cout << line << std::endl;
+  };
+  log("videos by camera: " + videos.front().path + ", " +
+      std::to_string(frames.size()) + " frames to decode to " +
+      options.output_path);
+  return {"",
+          DecodeVideos(videos,
+                       frames,
+                       options.output_path,
+                       host::GetEffectiveNumThreads(options.num_threads),
+                       log),
+          {}};
+}
+
+// The frames with their images, in any layout.
+std::vector<InputFrame> FindFrames(const TriangulatorOptions& options,
+                                   const CameraNaming& naming,
+                                   const Rig& rig,
+                                   ImageOfName* image_of_unknown_name) {
+  std::vector<std::string> names;
+  for (const KnownCamera& camera : rig.cameras) names.push_back(camera.name);
+  const CaptureImages images =
+      HasVideosOnly(options.image_path)
+          ? FindVideoFrames(options, naming, names)
+          : FindCaptureImages(options.image_path,
+                              options.frame_list_path,
+                              names,
+                              naming,
+                              options.frame_name_regex);
+  if (!options.quiet && !images.description.empty()) {
+    std::cout << images.description << std::endl;
+  }
+  if (!images.left_out.empty()) {
+    std::cerr << "WARNING: " << images.left_out.size()
+              << " image files are in no frame and left out; the first: "
+              << images.left_out.front() << std::endl;
+  }
+  std::vector<InputFrame> frames;
+  for (const CaptureFrame& frame : images.frames) {
+    frames.push_back(
+        MakeInputFrame(options, rig, frame, image_of_unknown_name));
+  }
+  LogMasks(options, frames);
+  return frames;
 }
 
 // Image size of a camera, from its first image that can be read. False if
@@ -132,9 +215,9 @@ std::vector<RigCamera> MakeCameras(const TriangulatorOptions& options,
                                    const Rig& extrinsics,
                                    const Rig& intrinsics,
                                    const std::vector<InputFrame>& frames) {
-  std::map<std::string, const KnownCamera*> known_cameras;
+  std::map<std::string, KnownCamera> known_cameras;
   for (const KnownCamera& camera : intrinsics.cameras) {
-    known_cameras[camera.name] = &camera;
+    known_cameras[camera.name] = camera;
   }
   std::set<size_t> used;
   for (const InputFrame& frame : frames) {
@@ -143,14 +226,18 @@ std::vector<RigCamera> MakeCameras(const TriangulatorOptions& options,
   std::vector<RigCamera> cameras;
   for (size_t i = 0; i < extrinsics.cameras.size(); ++i) {
     const KnownCamera& source = extrinsics.cameras[i];
-    const KnownCamera* known = known_cameras.count(source.name) > 0
-                                   ? known_cameras.at(source.name)
-                                   : nullptr;
+    KnownCamera* known = known_cameras.count(source.name) > 0
+                             ? &known_cameras.at(source.name)
+                             : nullptr;
     RigCamera camera;
     camera.name = source.name;
     camera.cam_from_world = source.cam_from_world;
     if (used.count(i) > 0) {
       if (known != nullptr) {
+        if (options.scale_intrinsics && known->width > 0 &&
+            FindImageSize(frames, i, &camera)) {
+          ScaleToImageSize(camera.width, camera.height, known);
+        }
         camera.width = known->width;
         camera.height = known->height;
       }
@@ -190,8 +277,10 @@ std::vector<std::pair<size_t, size_t>> SelectPairs(
                      options.extrinsics_path + " have images in " +
                      options.image_path +
                      ". Is it the RIG of this array? Images are looked for as "
-                     "IMAGES/FRAME/IMAGE_NAME; otherwise set "
-                     "--MultiFrame.camera_name_regex so that names agree.");
+                     "IMAGES/FRAME/CAMERA.ext, IMAGES/CAMERA/FRAME.ext, "
+                     "IMAGES/CAMERA_FRAME.ext and IMAGES/FRAME_CAMERA.ext; "
+                     "otherwise set --MultiFrame.camera_name_regex (and "
+                     "frame_name_regex) so that names agree.");
   }
   std::vector<std::pair<size_t, size_t>> pairs =
       SelectOverlappingPairs(options.view_overlap, used, options.num_threads);
@@ -252,19 +341,17 @@ TriangulatorInputs ReadTriangulatorInputs(const TriangulatorOptions& options,
                                        options.intrinsics_format,
                                        inputs.naming,
                                        options.intrinsics_pixel_offset);
-  std::map<std::string, size_t> camera_idxs;
-  for (size_t i = 0; i < extrinsics.cameras.size(); ++i) {
-    camera_idxs[extrinsics.cameras[i].name] = i;
+  if (!options.quiet) {
+    for (const std::string& remark : extrinsics.remarks) {
+      std::cout << remark << std::endl;
+    }
   }
   if (!options.mask_path.empty() && !fs::is_directory(options.mask_path)) {
     throw InputError("--mask_path " + options.mask_path + " is not a folder.");
   }
   ImageOfName image_of_unknown_name;
-  for (const std::string& name :
-       ListFrames("image_path", options.image_path, options.frame_list_path)) {
-    inputs.frames.push_back(FindImages(
-        options, inputs.naming, camera_idxs, name, &image_of_unknown_name));
-  }
+  inputs.frames =
+      FindFrames(options, inputs.naming, extrinsics, &image_of_unknown_name);
   inputs.cameras = MakeCameras(options, extrinsics, intrinsics, inputs.frames);
   WarnOfUnmatchedNames(
       CamerasWithoutImages(inputs.cameras), image_of_unknown_name, std::cerr);

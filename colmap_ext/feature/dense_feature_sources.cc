@@ -66,9 +66,11 @@ std::unique_ptr<DenseFeatureSource> ComputeFromImages(
   ReportMissing(
       requests,
       [&](const DenseFeatureRequest& request) {
-        return !images.Find(request.frame_name, request.image_name).empty();
+        return !images.Find(request).empty();
       },
-      "--image_path " + image_path + ", as FRAME/IMAGE_NAME or IMAGE_NAME",
+      "--image_path " + image_path +
+          ", as FRAME/IMAGE_NAME, IMAGE_NAME, CAMERA/FRAME.ext or "
+          "CAMERA_FRAME.ext",
       log);
   const DenseFeatureOptions& features = options.features;
   if (options.dense_features == "sift") {

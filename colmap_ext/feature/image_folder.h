@@ -2,7 +2,11 @@
 
 #pragma once
 
+#include <map>
+#include <memory>
+#include <mutex>
 #include <string>
+#include <utility>
 
 #include "colmap_ext/host/image_file.h"
 #include "src/feature/dense_features.h"
@@ -15,9 +19,10 @@ class ImageFolder {
 
   const std::string& Path() const { return path_; }
 
-  // IMAGES/FRAME/IMAGE_NAME, else IMAGES/IMAGE_NAME; "" if neither exists.
-  std::string Find(const std::string& frame_name,
-                   const std::string& image_name) const;
+  // IMAGES/FRAME/IMAGE_NAME, else IMAGES/IMAGE_NAME, else, by the names of
+  // frame and camera, IMAGES/CAMERA/FRAME.ext, IMAGES/CAMERA/CAMERA_FRAME.ext,
+  // IMAGES/CAMERA_FRAME.ext or IMAGES/FRAME_CAMERA.ext; "" if none exists.
+  std::string Find(const DenseFeatureRequest& request) const;
 
   // Reads and converts the image as COLMAP does for its own features. False if
   // it does not exist. Throws InputError: not readable, other size than the
@@ -27,7 +32,16 @@ class ImageFolder {
             host::Bitmap* bitmap) const;
 
  private:
-  const std::string path_;
+  // Images by camera and frame.
+  struct Index {
+    std::once_flag once;
+    std::map<std::pair<std::string, std::string>, std::string> paths;
+  };
+
+  void MakeIndex() const;
+
+  std::string path_;
+  std::shared_ptr<Index> index_ = std::make_shared<Index>();
 };
 
 }  // namespace mfir

@@ -5,7 +5,8 @@
 #include <map>
 #include <optional>
 
-#include "colmap_ext/feature/opencv_sift.h"
+#include "colmap_ext/feature/sift_extractor.h"
+#include "colmap_ext/rigs/rig_scaling.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"
 
@@ -88,12 +89,13 @@ class FeatureExtraction {
         static_cast<size_t>(bitmap.Height()) == camera.height) {
       return;
     }
-    throw InputError(file.path + " has " + Size(bitmap) +
-                     ", but the intrinsics of camera '" + camera.name +
-                     "' are for " + std::to_string(camera.width) + " x " +
-                     std::to_string(camera.height) +
-                     ". Give the images of that resolution, or intrinsics of "
-                     "this one.");
+    throw InputError(
+        file.path + " has " + Size(bitmap) +
+        ", but the intrinsics of camera '" + camera.name + "' are for " +
+        std::to_string(camera.width) + " x " + std::to_string(camera.height) +
+        ". " +
+        ImageSizeAdvice(
+            bitmap.Width(), bitmap.Height(), camera.width, camera.height));
   }
 
   static std::optional<host::Bitmap> ReadMask(const FrameImageFile& file,
@@ -148,9 +150,9 @@ std::unique_ptr<T> CheckCreated(std::unique_ptr<T> object, const char* what) {
 
 std::unique_ptr<host::FeatureExtractor> MakeExtractor(
     const TriangulatorOptions& options) {
-  if (options.feature_extractor == "opencv" &&
-      OpenCVSiftSupports(options.feature_extraction)) {
-    return MakeOpenCVSift(options.feature_extraction);
+  if (options.feature_extractor == "built_in" &&
+      BuiltInSiftSupports(options.feature_extraction)) {
+    return MakeBuiltInSift(options.feature_extraction);
   }
   return CheckCreated(
       host::FeatureExtractor::Create(options.feature_extraction),

@@ -9,6 +9,7 @@
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/rigs/rig_scaling.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/util/errors.h"
 
@@ -28,7 +29,8 @@ void MatchImages(const CameraNaming& naming,
   for (const host::image_t image_id : image_ids) {
     image_names.push_back(frame->reconstruction->Image(image_id).Name());
   }
-  const std::vector<std::string> camera_names = naming.Names(image_names);
+  const std::vector<std::string> camera_names =
+      naming.OfFrame(frame->name).Names(image_names);
   std::map<std::string, std::string> image_of_camera;
   for (size_t i = 0; i < image_ids.size(); ++i) {
     const auto it = camera_idxs.find(camera_names[i]);
@@ -97,10 +99,11 @@ void CheckCameras(const FrameModel& frame,
     const std::string size =
         std::to_string(width) + " x " + std::to_string(height) + " pixels";
     if (known.width > 0 && (known.width != width || known.height != height)) {
-      throw InputError(what + size + ", but RIG says " +
-                       std::to_string(known.width) + " x " +
-                       std::to_string(known.height) +
-                       ". Is it the RIG of this array and resolution?");
+      throw InputError(
+          what + size + ", but RIG says " + std::to_string(known.width) +
+          " x " + std::to_string(known.height) +
+          ". Is it the RIG of this array? " +
+          ImageSizeAdvice(width, height, known.width, known.height));
     }
     for (const FrameModel& previous : previous_frames) {
       if (previous.reconstruction == nullptr) continue;
@@ -123,6 +126,17 @@ void CheckCameras(const FrameModel& frame,
       }
       break;
     }
+  }
+}
+
+// Brings calibrations of another resolution to that of the frame.
+void ScaleCameras(const FrameModel& frame, std::vector<KnownCamera>* cameras) {
+  for (const auto& idx_and_image : frame.image_ids) {
+    const host::Camera& camera = frame.reconstruction->Camera(
+        static_cast<host::camera_t>(idx_and_image.first + 1));
+    KnownCamera& known = (*cameras)[idx_and_image.first];
+    if (known.width == 0) continue;
+    ScaleToImageSize(host::Width(camera), host::Height(camera), &known);
   }
 }
 
@@ -278,6 +292,7 @@ Capture ReadCapture(const std::string& frames_path,
     MatchFrame(naming, camera_idxs, target_model, &frame, &capture);
     any_match = any_match || !frame.image_ids.empty();
     if (frame.reconstruction != nullptr) {
+      if (rig.scale_intrinsics) ScaleCameras(frame, &capture.cameras);
       CheckCameras(frame, capture.frames, capture.cameras);
     }
     if (!options.quiet) {

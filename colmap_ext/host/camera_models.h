@@ -37,6 +37,9 @@ struct CameraModelTraits {
     return {Model::extra_params_idxs.begin(), Model::extra_params_idxs.end()};
   }
 
+  // Names of the parameters, as "fx, fy, cx, cy".
+  static std::string ParamsInfo() { return Model::params_info; }
+
   // Of the ray (u, v, 1). Not finite where the model ends.
   template <typename T>
   static void ImgFromCam(const T* params, const T& u, const T& v, T* x, T* y) {

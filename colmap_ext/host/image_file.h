@@ -29,6 +29,9 @@ uint8_t PixelOrBlack(const Bitmap& bitmap, int x, int y);
 // Shrinks the bitmap so that no side is longer, with its aspect ratio.
 void Thumbnail(int max_image_size, Bitmap* bitmap);
 
+// The content of a JPEG file; empty if it cannot be made.
+std::vector<uint8_t> EncodeJpeg(const Bitmap& bitmap);
+
 // By its extension.
 bool IsImageFileName(const std::string& path);
 

@@ -160,4 +160,21 @@ std::vector<const CameraModel*> AllCameraModels() {
   return models;
 }
 
+std::vector<std::string> CameraParamNames(const CameraModel& model) {
+  std::string info;
+  host::VisitCameraModels([&](auto colmap_model) {
+    using Traits = host::CameraModelTraits<decltype(colmap_model)>;
+    if (Traits::kModelId == CameraModelId(model)) info = Traits::ParamsInfo();
+  });
+  std::vector<std::string> names(1);
+  for (const char c : info) {
+    if (c == ',') {
+      names.emplace_back();
+    } else if (c != ' ') {
+      names.back() += c;
+    }
+  }
+  return names;
+}
+
 }  // namespace mfir

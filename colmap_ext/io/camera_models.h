@@ -24,6 +24,9 @@ std::optional<std::string> WhyNotSupported(const std::string& model_name);
 // COLMAP's identifier of a model.
 int CameraModelId(const CameraModel& model);
 
+// Names of the parameters of a model, as COLMAP's: "fx", "fy", "cx", ...
+std::vector<std::string> CameraParamNames(const CameraModel& model);
+
 // All models of this COLMAP version, by ascending identifier.
 std::vector<const CameraModel*> AllCameraModels();
 

@@ -40,6 +40,8 @@ class OutputFolder {
   // followed.
   void CheckKeeps(const std::vector<std::string>& input_paths) const;
 
+  const std::filesystem::path& Path() const { return path_; }
+
   // Where a result is prepared; removed with the object.
   const std::filesystem::path& TemporaryPath() const { return temporary_path_; }
 

@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdlib>
 #include <fstream>
 #include <iomanip>
+#include <iostream>
 #include <limits>
 #include <sstream>
 
@@ -138,6 +140,10 @@ std::string ToString(const T& value) {
 
 std::string ToString(const std::string& value) { return value; }
 
+std::string DefaultText(const std::string& value) {
+  return value.empty() ? "default: none" : "default: " + value;
+}
+
 }  // namespace
 
 template <typename T>
@@ -146,6 +152,8 @@ void OptionParser::Add(const std::string& name,
                        const std::string& help) {
   Option option;
   option.name = name;
+  option.help = help;
+  option.group = group_;
   option.add = [name, value, help](host::OptionManager* manager) {
     manager->AddDefaultOption(name, value, help);
   };
@@ -176,6 +184,14 @@ void OptionParser::Parse(
     const std::string& preset_name,
     const std::function<void(const std::string&)>& apply_preset) {
   const std::vector<std::string> command_line(argv + 1, argv + argc);
+  if (std::any_of(command_line.begin(),
+                  command_line.end(),
+                  [](const std::string& argument) {
+                    return argument == "--help" || argument == "-h";
+                  })) {
+    PrintHelp(std::cout);
+    std::exit(kExitSuccess);
+  }
 
   po::options_description project_options;
   std::string project_path;
@@ -236,6 +252,37 @@ void OptionParser::Parse(
                        " is required. See --help.");
     }
   }
+}
+
+void OptionParser::PrintHelp(std::ostream& stream) const {
+  constexpr size_t kColumn = 34;
+  constexpr size_t kWidth = 100;
+  stream << description_ << "\n\nExample:\n  " << example_ << "\n";
+  const std::string* group = nullptr;
+  for (const Option& option : options_) {
+    if (group == nullptr || *group != option.group) {
+      stream << "\n" << option.group << ":\n";
+      group = &option.group;
+    }
+    std::string line = "  --" + option.name;
+    line.resize(std::max(line.size() + 2, kColumn), ' ');
+    std::istringstream words(option.help +
+                             (option.required != nullptr
+                                  ? ""
+                                  : " (" + DefaultText(option.value()) + ")"));
+    std::string word;
+    while (words >> word) {
+      if (line.size() + word.size() > kWidth) {
+        stream << line << "\n";
+        line.assign(kColumn, ' ');
+      }
+      line += word + " ";
+    }
+    stream << line << "\n";
+  }
+  stream << "\nFurther:\n  --project_path FILE               ini file with "
+            "options; the command line wins\n  --help                        "
+            "    this text\n";
 }
 
 void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {

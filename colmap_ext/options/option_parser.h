@@ -6,6 +6,7 @@
 #pragma once
 
 #include <functional>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,15 @@ namespace mfir {
 
 class OptionParser {
  public:
+  // What --help says before the options: a sentence, and a command line.
+  void SetHelp(const std::string& description, const std::string& example) {
+    description_ = description;
+    example_ = example;
+  }
+
+  // The heading, in --help, of the options that follow.
+  void BeginGroup(const std::string& title) { group_ = title; }
+
   // Registers an option, "name" or "Section.name", of type bool, int, double or
   // std::string. The present *value is the default. `value` must outlive the
   // parser.
@@ -56,12 +66,15 @@ class OptionParser {
  private:
   struct Option {
     std::string name;
+    std::string help;
+    std::string group;
     std::string* required = nullptr;
     std::function<void(host::OptionManager*)> add;
     std::function<std::string()> value;
     std::function<nlohmann::ordered_json()> json;
   };
 
+  void PrintHelp(std::ostream& stream) const;
   void ParsePass(const std::vector<std::string>& arguments) const;
   std::vector<std::string> ReadIni(const std::string& path) const;
   void CheckName(const std::string& argument) const;
@@ -69,6 +82,9 @@ class OptionParser {
   std::string DidYouMean(const std::string& name) const;
   const Option* Find(const std::string& name) const;
 
+  std::string description_;
+  std::string example_;
+  std::string group_ = "Paths";
   std::vector<Option> options_;
   std::vector<std::string> set_names_;
   std::vector<std::string> shared_sections_;

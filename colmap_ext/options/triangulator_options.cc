@@ -20,14 +20,6 @@ void CheckRange(const char* name, double value, double min, double max) {
   throw UsageError(message.str());
 }
 
-void CheckFormat(const std::string& name, const std::string& format) {
-  for (const char* known : {"auto", "colmap", "krt", "opencv"}) {
-    if (format == known) return;
-  }
-  throw UsageError("--" + name + " " + format +
-                   ": must be auto, colmap, krt or opencv.");
-}
-
 // Of matching again along epipolar lines, which is part of the verification.
 void AddVerificationOptions(TriangulatorOptions* options,
                             OptionParser* parser) {
@@ -90,8 +82,7 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
       "> 0: start from this focal length / larger image side");
   add("feature_extractor",
       &options->feature_extractor,
-      "opencv: its SIFT, where it can do what [SiftExtraction] asks for; or "
-      "colmap");
+      "built_in: the same as COLMAP's SIFT, faster; or colmap");
   add("num_threads", &options->num_threads, "-1: all");
   add("overwrite",
       &options->overwrite,
@@ -118,8 +109,8 @@ TriangulatorOptions::TriangulatorOptions() {
 }
 
 void TriangulatorOptions::Check() const {
-  CheckFormat("extrinsics_format", extrinsics_format);
-  CheckFormat("intrinsics_format", intrinsics_format);
+  CheckRigFormat("extrinsics_format", extrinsics_format);
+  CheckRigFormat("intrinsics_format", intrinsics_format);
   CheckPixelOffset("--extrinsics_pixel_offset", extrinsics_pixel_offset);
   CheckPixelOffset("--intrinsics_pixel_offset", intrinsics_pixel_offset);
   if (FindCameraModel(camera_model) == nullptr) {
@@ -135,9 +126,9 @@ void TriangulatorOptions::Check() const {
       (prefix + "focal_length_factor").c_str(), focal_length_factor, 0, 100);
   CheckRange(
       (prefix + "max_epipolar_error").c_str(), max_epipolar_error, 1e-4, 0.5);
-  if (feature_extractor != "opencv" && feature_extractor != "colmap") {
+  if (feature_extractor != "built_in" && feature_extractor != "colmap") {
     throw UsageError("--" + prefix + "feature_extractor " + feature_extractor +
-                     ": must be opencv or colmap.");
+                     ": must be built_in or colmap.");
   }
   if (num_threads == 0 || num_threads < -1 || num_threads > 1024) {
     throw UsageError("--" + prefix +
@@ -199,8 +190,10 @@ void AddTrackOptions(TriangulatorOptions* options, OptionParser* parser) {
 
 void AddTriangulatorOptions(TriangulatorOptions* options,
                             OptionParser* parser) {
-  parser->AddRequired(
-      "image_path", &options->image_path, "IMAGES/FRAME/IMAGE_NAME");
+  parser->AddRequired("image_path",
+                      &options->image_path,
+                      "IMAGES/FRAME/CAMERA.ext, IMAGES/CAMERA/FRAME.ext or "
+                      "IMAGES/CAMERA_FRAME.ext");
   parser->AddRequired(
       "extrinsics_path", &options->extrinsics_path, "the known extrinsics");
   parser->AddRequired("output_path",
@@ -208,40 +201,59 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
                       "gets FRAME/database.db and FRAME/sparse/0");
   parser->Add("extrinsics_format",
               &options->extrinsics_format,
-              "auto, colmap, krt or opencv");
+              "auto, " + RigFormatNames());
   parser->Add("extrinsics_pixel_offset",
               &options->extrinsics_pixel_offset,
-              "added to principal points; nan: 0.5 for opencv, else 0");
+              "added to principal points; nan: that of the format");
   parser->Add("intrinsics_path",
               &options->intrinsics_path,
               "cameras to start from; empty: those of extrinsics_path");
   parser->Add("intrinsics_format",
               &options->intrinsics_format,
-              "auto, colmap, krt or opencv");
+              "auto, " + RigFormatNames());
   parser->Add("intrinsics_pixel_offset",
               &options->intrinsics_pixel_offset,
-              "added to principal points; nan: 0.5 for opencv, else 0");
-  parser->Add("mask_path",
-              &options->mask_path,
-              "MASKS/FRAME/IMAGE_NAME.png or MASKS/IMAGE_NAME.png");
+              "added to principal points; nan: that of the format");
+  parser->Add(
+      "mask_path",
+      &options->mask_path,
+      "in the layout of the images: MASKS/IMAGE_NAME.png, or one for all "
+      "frames: MASKS/CAMERA.png");
   parser->Add("frame_list_path",
               &options->frame_list_path,
               "file with the names of the frames, one per line");
+  parser->BeginGroup("Pairs, start and computer");
   AddOwnOptions(options, parser);
+  parser->BeginGroup("Names and images");
   parser->Add("MultiFrame.camera_name_regex",
               &options->camera_name_regex,
               "one capture group: the camera name within an image name");
+  parser->Add("MultiFrame.frame_name_regex",
+              &options->frame_name_regex,
+              "one capture group: the frame within the path of an image; where "
+              "the layout of the images is ambiguous");
+  parser->Add("MultiFrame.scale_intrinsics",
+              &options->scale_intrinsics,
+              "1: intrinsics for another resolution of the same ratio are "
+              "scaled to the images");
+  parser->Add(
+      "MultiFrame.video_offset_list_path",
+      &options->video_offset_list_path,
+      "file with lines 'CAMERA OFFSET': frame k of the capture is frame "
+      "k + OFFSET of the camera's video");
   parser->Add("ImageReader.camera_model",
               &options->camera_model,
               "camera model for focal_length_factor");
   parser->Add("ImageReader.camera_mask_path",
               &options->camera_mask_path,
               "one mask for all images");
+  parser->BeginGroup("COLMAP's features and matching");
   const auto add = [parser](const std::string& name, auto* value) {
     parser->Add(name, value, "as in COLMAP");
   };
   host::VisitExtractionOptions(&options->feature_extraction, add);
   host::VisitMatchingOptions(&options->feature_matching, add);
+  parser->BeginGroup("Verification and triangulation");
   AddTrackOptions(options, parser);
   parser->AddSharedSection("MultiFrame");
   parser->AddSharedSection("ImageReader");

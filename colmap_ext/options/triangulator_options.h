@@ -24,15 +24,18 @@ struct TriangulatorOptions {
   std::string mask_path;
   std::string frame_list_path;
   std::string camera_name_regex;
+  std::string frame_name_regex;
+  std::string video_offset_list_path;
+  bool scale_intrinsics = false;
 
   // [MultiFrameTriangulator]
   ViewOverlapOptions view_overlap;
   // Focal length / larger image side of all cameras, which then are of
   // camera_model without distortion; 0: the given intrinsics.
   double focal_length_factor = 0.0;
-  // "opencv": OpenCV's SIFT where it can do what [SiftExtraction] asks for;
-  // "colmap": COLMAP's extractor.
-  std::string feature_extractor = "opencv";
+  // "built_in": our SIFT where it can do what [SiftExtraction] asks for, else
+  // COLMAP's; "colmap": COLMAP's.
+  std::string feature_extractor = "built_in";
   // Cap of the tolerance of epipolar errors / larger image side.
   double max_epipolar_error = 0.02;
   int num_threads = -1;

@@ -42,9 +42,12 @@ void CaptureModel::AddFrame(const FrameModel& frame,
 std::string CaptureModel::ImageName(const FrameModel& frame,
                                     const std::string& name) const {
   if (frame.is_part_of_model) return name;
+  DenseFeatureRequest request;
+  request.frame_name = frame.name;
+  request.image_name = name;
   const bool lies_beside_others =
       !images_.Path().empty() &&
-      std::filesystem::path(images_.Find(frame.name, name)) ==
+      std::filesystem::path(images_.Find(request)) ==
           std::filesystem::path(images_.Path()) / name;
   return lies_beside_others && image_names_.count(name) == 0
              ? name

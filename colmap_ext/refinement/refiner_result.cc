@@ -117,6 +117,7 @@ void MeasureRms(const Scene& scene,
                 const std::vector<double>& residuals_after,
                 RefinerResult* result) {
   const double max_squared = MaxInlierSquaredResidual(residuals_after);
+  result->max_inlier_px = std::sqrt(max_squared);
   std::vector<bool> inliers;
   for (const double squared : residuals_after) {
     inliers.push_back(squared <= max_squared);

@@ -31,6 +31,7 @@ struct RefinerResult {
   std::vector<PoseDisagreement> pose_disagreements;
   Contradictions contradictions;
   SpoiltCameras spoilt;
+  double max_inlier_px = 0.0;         // see MaxInlierSquaredResidual
   std::vector<double> rms_px_before;  // see RmsByCamera
   std::vector<double> rms_px_after;
 };

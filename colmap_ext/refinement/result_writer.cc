@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 
@@ -12,6 +13,9 @@
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/refinement/capture_model.h"
+#include "colmap_ext/report/report_reader.h"
+#include "colmap_ext/rigs/rig_io.h"
+#include "src/report/report_page.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -21,6 +25,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr double kMaxFocalStd = 0.05;  // relative
+constexpr char kReportName[] = "report.html";
 
 Json NumberOrNull(double value) {
   return std::isfinite(value) ? Json(value) : Json(nullptr);
@@ -208,6 +213,31 @@ Json RefinedShare(const std::optional<KeypointStatistics>& keypoints,
          static_cast<double>(num_after);
 }
 
+// Intrinsics of RIG; null without.
+Json IntrinsicsOfRig(const KnownCamera& camera) {
+  if (camera.model == nullptr) return nullptr;
+  return {{"model", camera.model->Name()}, {"params", camera.params}};
+}
+
+// Noise of the keypoints; empty in single-frame mode.
+Json MakeNoiseMixture(const std::vector<NoiseComponent>& components) {
+  Json json = Json::array();
+  for (const NoiseComponent& component : components) {
+    json.push_back({{"std_px", component.std_px}, {"share", component.share}});
+  }
+  return json;
+}
+
+// As "2026-11-30T08:15:00Z".
+std::string UtcNow() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc;
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return text;
+}
+
 Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
   const Scene& scene = tracks.scene;
   std::vector<size_t> num_frames(scene.cameras.size(), 0);
@@ -273,6 +303,7 @@ Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
          {"height", camera.height},
          {"params", camera.params},
          {"params_initial", scene.cameras[i].params},
+         {"rig", IntrinsicsOfRig(tracks.capture.cameras[i])},
          {"params_std", params_std},
          {"correlations", correlations},
          {"drift",
@@ -366,6 +397,7 @@ Json MakeSummary(const OptionParser& options,
        {{"version", MFIR_VERSION},
         {"colmap_version", host::VersionInfo()},
         {"git", MFIR_GIT_COMMIT}}},
+      {"created", UtcNow()},
       {"options", options.ToJson()},
       {"inputs", report.inputs},
       {"frames", MakeFrames(tracks)},
@@ -389,9 +421,13 @@ Json MakeSummary(const OptionParser& options,
              ? Json(refinement.feature_noise_std_px)
              : Json(nullptr)},
         {"outlier_share", refinement.outlier_share},
+        {"max_inlier_px", NumberOrNull(result.max_inlier_px)},
+        {"noise_mixture", MakeNoiseMixture(refinement.noise_components)},
         {"modes", MakeModes(result)}}},
       {"timings_s", timings},
       {"peak_rss_bytes", PeakRss()}};
+  summary["result"]["limits_exceeded"] =
+      ViolationsToJson(FindViolations(report.limits, summary["cameras"]));
   if (!report.evaluation.is_null()) {
     summary["evaluation"] = report.evaluation;
   }
@@ -399,14 +435,18 @@ Json MakeSummary(const OptionParser& options,
 }
 
 const std::vector<std::string>& ResultNames() {
-  static const std::vector<std::string> names = {"rig_given",
-                                                 "rig",
-                                                 "frames",
-                                                 "model",
-                                                 "KRT",
-                                                 "history.csv",
-                                                 "project.ini",
-                                                 "summary.json"};
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> names = {
+        "rig_given", "rig", "frames", "model", "KRT"};
+    for (const RigFormat& format : RigFormats()) {
+      if (std::find(names.begin(), names.end(), format.result_name) ==
+          names.end()) {
+        names.push_back(format.result_name);
+      }
+    }
+    names.insert(names.end(), {"history.csv", "project.ini", kReportName, "summary.json"});
+    return names;
+  }();
   return names;
 }
 
@@ -450,12 +490,28 @@ WrittenResult WriteResult(const OptionParser& options,
       written.remarks.push_back("KRT cannot hold the distortion of camera '" +
                                 name + "'; it has zeros there.");
     }
+    for (const std::string& type : report.output_types) {
+      const RigFormat& format =
+          FindRigFormat("--MultiFrame.output_types", type);
+      // Always written, above.
+      if (format.result_name == "rig" || format.result_name == "KRT") continue;
+      const RigRemarks remarks = WriteRig(
+          (path / format.result_name).string(), format, result.cameras);
+      written.remarks.insert(
+          written.remarks.end(), remarks.begin(), remarks.end());
+    }
     options.Write((path / "project.ini").string());
     WriteTextFile(path / "history.csv", MakeHistory(report.stages));
-    WriteTextFile(path / "summary.json",
-                  MakeSummary(options, tracks, result, report)
-                          .dump(2, ' ', false, Json::error_handler_t::replace) +
-                      "\n");
+    const Json summary = MakeSummary(options, tracks, result, report);
+    written.violations = FindViolations(report.limits, summary["cameras"]);
+    WriteTextFile(
+        path / "summary.json",
+        summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+    if (report.write_page) {
+      WriteTextFile(path / kReportName,
+                    MakeReportPage(ReadReport(
+                        path.string(), output->Path().string(), {})));
+    }
     written.path = output->Publish(result.status == "converged").string();
   } catch (const fs::filesystem_error& error) {
     throw OutputError(std::string("--output_path: ") + error.what() + ".");

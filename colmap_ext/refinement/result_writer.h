@@ -1,4 +1,4 @@
-// What the refiner writes (README.md, "Output").
+// What the refiner writes (docs/formats.md).
 
 #pragma once
 
@@ -10,6 +10,7 @@
 
 #include "colmap_ext/io/output_folder.h"
 #include "colmap_ext/options/option_parser.h"
+#include "colmap_ext/refinement/limits.h"
 #include "colmap_ext/refinement/refiner_result.h"
 #include "colmap_ext/refinement/refiner_solves.h"
 #include "src/refinement/stage.h"
@@ -22,8 +23,11 @@ struct RunReport {
   std::vector<Stage> stages;
   std::vector<std::pair<std::string, double>> timings_s;
   nlohmann::ordered_json inputs;
-  nlohmann::ordered_json evaluation;  // null without a ground truth
-  std::string image_path;             // empty: none
+  nlohmann::ordered_json evaluation;      // null without a ground truth
+  std::string image_path;                 // empty: none
+  std::vector<std::string> output_types;  // names of RigFormats
+  Limits limits;
+  bool write_page = true;                 // report.html
 };
 
 // The files and folders of a result, as OutputFolder takes them.
@@ -40,7 +44,8 @@ nlohmann::ordered_json MakeSummary(const OptionParser& options,
 
 struct WrittenResult {
   std::string path;                  // see OutputFolder::Publish
-  std::vector<std::string> remarks;  // what a format cannot express
+  std::vector<std::string> remarks;  // what rig formats cannot hold
+  std::vector<LimitViolation> violations;
 };
 
 // Writes all files to the temporary folder of `output` and publishes them when

@@ -2,54 +2,36 @@
 
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
-#include <Eigen/Core>
-
-#include "src/scene/scene.h"
+#include "colmap_ext/rig_formats/known_camera.h"
+#include "colmap_ext/rig_formats/rig_format.h"
 #include "src/sensor/camera_naming.h"
 
 namespace mfir {
 
-// A camera of RIG as its file gives it. Every double is kept as it was read,
-// but for quaternions, see StableQuaternion.
-struct KnownCamera {
-  std::string name;        // of the physical camera, see CameraNaming
-  std::string image_name;  // of the file; the camera name where it has none
-  Rigid3 cam_from_world;
-  // [R | t] where the file gives a matrix (KRT, OpenCV): written back as it is.
-  std::optional<Eigen::Matrix<double, 3, 4>> matrix;
-  // Intrinsics: ground truth for the evaluator, used by the optimizer only on
-  // request. Principal points in COLMAP pixels. model is null, width and height
-  // are 0 where the file does not give them.
-  const CameraModel* model = nullptr;
-  size_t width = 0;
-  size_t height = 0;
-  std::vector<double> params;
-};
-
 struct Rig {
-  std::string format;  // "colmap", "krt" or "opencv"
+  std::string format;  // name of a RigFormat
   std::vector<KnownCamera> cameras;
+  RigRemarks remarks;  // what the log should say
+  // Whether intrinsics may be scaled to the size of the images.
+  bool scale_intrinsics = false;
 };
 
 // Reads RIG from `path`.
 //
-//   format        "colmap": model folder (images + cameras, .txt or .bin;
-//                 points may be missing). "krt": Multiface KRT file. "opencv":
-//                 folder with intri.yml + extri.yml (EasyMocap), or one of the
-//                 two files. "" or "auto": detected from what lies at `path`.
-//   pixel_offset  added to principal points of krt and opencv; NaN: 0 for krt
-//                 and 0.5 for opencv. For colmap added too when not NaN.
+//   format        name of a RigFormat; "" or "auto": detected from what lies
+//                 at `path`
+//   pixel_offset  added to principal points; NaN: that of the format
 //
-// Distortion: KRT's five coefficients (k1 k2 p1 p2 k3) and OpenCV's dist become
-// PINHOLE when all zero, OPENCV when k3 = 0, FULL_OPENCV otherwise.
+// Distortion: OpenCV's coefficients become PINHOLE when all zero, OPENCV when
+// k3 and all after it are 0, FULL_OPENCV otherwise.
 //
 // Cameras are in the order of their names (CameraNameLess). An image that the
-// regex of `naming` does not match goes by its own name. intri.yml may be
-// missing: the cameras then have no intrinsics.
+// regex of `naming` does not match goes by its own name. Several images are one
+// camera where name, pose (to 1e-6) and intrinsics agree. Intrinsics may be
+// missing (intri.yml, rig_config.json).
 //
 // Throws UsageError for an unknown format, and InputError (names file and line
 // or field) for: missing path, unreadable or malformed file, non-finite values,
@@ -64,13 +46,11 @@ Rig ReadRig(const std::string& path,
 // principal points (NaN, the default of the format, can).
 void CheckPixelOffset(const std::string& option, double pixel_offset);
 
-// Writes a KRT file: blocks "name / K (3 rows) / distortion (k1 k2 p1 p2 k3) /
-// [R|t] (3 rows) / empty line", %.17g. Cameras without model are an error in
-// the caller. Models whose distortion KRT cannot hold (fisheye, FOV, thin
-// prism, FULL_OPENCV with k4..k6) are written with their focal length and
-// principal point and zero distortion; their names are returned so that the
-// caller can say so. Throws OutputError.
-std::vector<std::string> WriteKRT(const std::string& path,
-                                  const std::vector<KnownCamera>& cameras);
+// Writes RIG. `path` is complete or, if it exists, as it was before. Returns
+// what the format cannot hold, one line each. Throws OutputError, and
+// InputError for cameras without what the format needs.
+RigRemarks WriteRig(const std::string& path,
+                    const RigFormat& format,
+                    const std::vector<KnownCamera>& cameras);
 
 }  // namespace mfir

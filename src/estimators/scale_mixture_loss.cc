@@ -131,6 +131,22 @@ double ScaleMixtureLoss::InlierStd() const {
   return std::sqrt(variance / share);
 }
 
+std::vector<NoiseComponent> ScaleMixtureLoss::Components() const {
+  constexpr double kMinShare = 1e-6;
+  std::vector<NoiseComponent> components;
+  for (const Component& component : components_) {
+    if (component.share < kMinShare) continue;
+    components.push_back(
+        {1.0 / std::sqrt(component.information), component.share});
+  }
+  std::sort(components.begin(),
+            components.end(),
+            [](const NoiseComponent& a, const NoiseComponent& b) {
+              return a.std_px < b.std_px;
+            });
+  return components;
+}
+
 double ScaleMixtureLoss::OutlierShare() const {
   const double min_information = MinInlierInformation();
   double share = 0.0;

@@ -10,6 +10,12 @@
 
 namespace mfir {
 
+// Gaussian part of a distribution of noise.
+struct NoiseComponent {
+  double std_px = 0.0;  // per axis
+  double share = 0.0;
+};
+
 // Negative log-likelihood of 2D residuals r under a mixture of isotropic
 // Gaussians,
 //
@@ -39,6 +45,9 @@ class ScaleMixtureLoss final : public ceres::LossFunction {
 
   // The same for all components but outliers: root of their mean variance.
   double InlierStd() const;
+
+  // The components with a share above 1e-6, narrow ones first.
+  std::vector<NoiseComponent> Components() const;
 
   // Share of the components wider than 4 times CoreStd: outliers.
   double OutlierShare() const;

@@ -108,6 +108,8 @@ struct MultiFrameOptions {
 
   // No progress output.
   bool quiet = false;
+  // Whether report.html is written.
+  bool report = true;
 
   // Sets all options that the preset defines. Throws UsageError for an unknown
   // name.

@@ -128,6 +128,7 @@ class Refiner {
                         : ScaleMixtureLoss(Samples(cauchy.Get()).keypoints);
     result.noise_std_px = reported_noise.InlierStd();
     result.outlier_share = reported_noise.OutlierShare();
+    result.noise_components = reported_noise.Components();
     if (feature_std_px_ > 0.0) {
       result.feature_noise_std_px = feature_noise.InlierStd();
     }

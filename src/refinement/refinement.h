@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include "src/estimators/scale_mixture_loss.h"
 #include "src/refinement/options.h"
 #include "src/refinement/stage.h"
 #include "src/scene/estimate.h"
@@ -28,6 +29,9 @@ struct RefinementResult {
   // from the residuals.
   double noise_std_px = 0.0;
   double outlier_share = 0.0;
+  // The whole distribution of that noise; empty in single-frame mode, where
+  // every frame has its own.
+  std::vector<NoiseComponent> noise_components;
   // Noise of a typical dense feature (px per axis); 0: none took part.
   double feature_noise_std_px = 0.0;
   // See FixedExtrinsicsSummary.

@@ -2,59 +2,18 @@
 
 #include <algorithm>
 #include <set>
-#include <stdexcept>
 
-#include <boost/regex.hpp>
-
-#include "src/util/errors.h"
+#include "src/sensor/image_name.h"
 
 namespace mfir {
 namespace {
 
+constexpr const char* kRegexOption = "camera_name_regex";
 const char* const kPaperRegex = R"(camera(\d+)_frame\d+)";
-constexpr size_t kMaxShownLength = 100;
-const char* const kSeparators = "/\\";
-
 bool IsNumber(const std::string& name) {
   return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
     return c >= '0' && c <= '9';
   });
-}
-
-// The text of the regex's group, "" if it does not match. Boost gives up where
-// std::regex runs for ever (nested repeats) or overflows the stack (long
-// names). Throws UsageError then.
-std::string Captured(const std::string& text, const boost::regex& regex) {
-  try {
-    boost::smatch match;
-    return boost::regex_search(text, match, regex) ? match[1].str() : "";
-  } catch (const std::runtime_error&) {
-    throw UsageError("camera_name_regex '" + regex.str() +
-                     "' is too complex to match the image name '" +
-                     text.substr(0, kMaxShownLength) +
-                     "'. Avoid repeats of repeats, such as (?:a+)+.");
-  }
-}
-
-// "a/cam07.png" -> "cam07".
-std::string FileStem(const std::string& image_name) {
-  const size_t separator = image_name.find_last_of(kSeparators);
-  const std::string file_name = separator == std::string::npos
-                                    ? image_name
-                                    : image_name.substr(separator + 1);
-  const size_t dot = file_name.rfind('.');
-  return dot == std::string::npos || dot == 0 ? file_name
-                                              : file_name.substr(0, dot);
-}
-
-// "cam07/a/000123.jpg" -> "cam07", "" if there is no folder.
-std::string FirstFolder(const std::string& image_name) {
-  const size_t begin = image_name.find_first_not_of(kSeparators);
-  if (begin == std::string::npos) {
-    return "";
-  }
-  const size_t end = image_name.find_first_of(kSeparators, begin);
-  return end == std::string::npos ? "" : image_name.substr(begin, end - begin);
 }
 
 template <typename Rule>
@@ -80,30 +39,15 @@ bool AllDiffer(const std::vector<std::string>& names) {
 }  // namespace
 
 CameraNaming::CameraNaming(const std::string& regex) : regex_(regex) {
-  if (regex.empty()) {
-    return;
-  }
-  unsigned num_groups = 0;
-  try {
-    num_groups = boost::regex(regex).mark_count();
-  } catch (const std::runtime_error& error) {
-    throw UsageError("camera_name_regex '" + regex +
-                     "' is not a valid regular expression (" + error.what() +
-                     "). Use Perl syntax, e.g. 'camera(\\d+)_'.");
-  }
-  if (num_groups != 1) {
-    throw UsageError("camera_name_regex '" + regex + "' has " +
-                     std::to_string(num_groups) +
-                     " capture groups. Give exactly one, around the camera "
-                     "name, and write other groups as (?:...).");
-  }
+  if (!regex.empty()) NameRegex(kRegexOption, regex);
 }
 
 std::vector<std::string> CameraNaming::Names(
     const std::vector<std::string>& image_names) const {
   const auto regex_rule = [](const std::string& pattern) {
-    return [regex = boost::regex(pattern)](const std::string& image_name) {
-      return Captured(image_name, regex);
+    return [regex = NameRegex(kRegexOption, pattern)](
+               const std::string& image_name) {
+      return regex.Captured(image_name);
     };
   };
   if (!regex_.empty()) {
@@ -113,6 +57,11 @@ std::vector<std::string> CameraNaming::Names(
   std::vector<std::string> fallback;
   for (std::vector<std::string> names :
        {Apply(regex_rule(kPaperRegex), image_names),
+        Apply(
+            [this](const std::string& image_name) {
+              return WithoutName(FileStem(image_name), frame_name_);
+            },
+            image_names),
         Apply(FileStem, image_names),
         Apply(FirstFolder, image_names)}) {
     if (!AllNamed(names)) {
@@ -129,9 +78,15 @@ std::vector<std::string> CameraNaming::Names(
   return fallback.empty() ? Apply(FileStem, image_names) : fallback;
 }
 
+CameraNaming CameraNaming::OfFrame(const std::string& frame_name) const {
+  CameraNaming naming = *this;
+  naming.frame_name_ = frame_name;
+  return naming;
+}
+
 std::string CameraNaming::CameraName(const std::string& name) const {
   const std::string captured =
-      regex_.empty() ? "" : Captured(name, boost::regex(regex_));
+      regex_.empty() ? "" : NameRegex(kRegexOption, regex_).Captured(name);
   return CanonicalCameraName(captured.empty() ? name : captured);
 }
 
@@ -155,6 +110,21 @@ bool CameraNameLess(const std::string& a, const std::string& b) {
   return canonical_a.size() != canonical_b.size()
              ? canonical_a.size() < canonical_b.size()
              : canonical_a < canonical_b;
+}
+
+std::string WithoutName(const std::string& text, const std::string& name) {
+  const std::string separators = "_-.";
+  if (name.empty() || text.size() < name.size() + 2) return "";
+  const size_t num_rest = text.size() - name.size() - 1;
+  if (text.compare(0, name.size(), name) == 0 &&
+      separators.find(text[name.size()]) != std::string::npos) {
+    return text.substr(name.size() + 1);
+  }
+  if (text.compare(num_rest + 1, name.size(), name) == 0 &&
+      separators.find(text[num_rest]) != std::string::npos) {
+    return text.substr(0, num_rest);
+  }
+  return "";
 }
 
 }  // namespace mfir

@@ -1,5 +1,5 @@
 // Errors that end a command, each with the exit code of the contract
-// (README.md, "Exit codes").
+// (docs/troubleshooting.md, "Exit codes").
 
 #pragma once
 
@@ -14,6 +14,7 @@ enum ExitCode {
   kExitBadInput = 2,
   kExitSolver = 3,
   kExitOutput = 4,
+  kExitOutsideLimits = 5,  // the result is good and written
 };
 
 // The message names the option, file, line or field, and says what to do.

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <fstream>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -31,12 +32,14 @@ State& GetState() {
   return *state;
 }
 
-// Renamed first, so that threads that still run can add nothing to it.
+// Moved away before it is removed, and replaced by a file that is no folder:
+// what threads that still run write there fails.
 void RemoveAtOnce(const fs::path& path) {
   std::error_code ignored;
   fs::path doomed = path;
   doomed += ".removed_" + std::to_string(getpid());
   fs::rename(path, doomed, ignored);
+  if (!ignored) std::ofstream(path).flush();
   fs::remove_all(doomed, ignored);
 }
 
@@ -55,6 +58,10 @@ void Print(const std::string& line) {
   {
     const std::lock_guard<std::mutex> lock(state.paths_mutex);
     for (const fs::path& path : state.paths) RemoveAtOnce(path);
+    for (const fs::path& path : state.paths) {
+      std::error_code ignored;
+      fs::remove_all(path, ignored);
+    }
   }
   Print(std::string("Interrupted by ") +
         (signal == SIGINT ? "SIGINT" : "SIGTERM") +
@@ -92,7 +99,8 @@ void WaitIfInterrupted() {
   }
 }
 
-ScopedTemporaryPath::ScopedTemporaryPath(fs::path path) : path_(std::move(path)) {
+ScopedTemporaryPath::ScopedTemporaryPath(fs::path path)
+    : path_(std::move(path)) {
   const std::lock_guard<std::mutex> lock(GetState().paths_mutex);
   GetState().paths.push_back(path_);
 }

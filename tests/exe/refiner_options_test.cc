@@ -160,6 +160,7 @@ TEST_F(RefinerOptionsTest, AllOptionsLandInSummaryAndProjectFile) {
                            "use_gpu",
                            "gpu_index",
                            "num_threads",
+                           "report",
                            "quiet"}) {
     EXPECT_TRUE(options.contains(std::string("MultiFrame.") + name)) << name;
   }

@@ -23,7 +23,7 @@ TEST_F(RefinerOutputTest, AllFilesOfTheResult) {
     EXPECT_TRUE(may_be_empty || !name_and_file.second.empty());
   }
   std::vector<std::string> expected = {
-      "KRT", "history.csv", "project.ini", "summary.json"};
+      "KRT", "history.csv", "project.ini", "report.html", "summary.json"};
   std::vector<std::string> parts = {"cameras", "images", "points3D"};
   if (host::kHasRigs) parts.insert(parts.end(), {"frames", "rigs"});
   for (const std::string& part : parts) {
@@ -60,7 +60,14 @@ TEST_F(RefinerOutputTest, SummaryHasTheKeysOfTheContract) {
                "result",
                "timings_s",
                "peak_rss_bytes",
-               "evaluation"});
+               "evaluation",
+               "created"});
+  expect_keys(summary["inputs"], {"files"});
+  EXPECT_GE(summary["inputs"]["files"].size(), 3 + 2 + 3 * 3);
+  for (const nlohmann::json& file : summary["inputs"]["files"]) {
+    EXPECT_EQ(file["bytes"], fs::file_size(file["path"].get<std::string>()));
+    EXPECT_EQ(file["sha256"].get<std::string>().size(), 64);
+  }
   expect_keys(summary["tool"], {"version", "colmap_version", "git"});
   for (const nlohmann::json& frame : summary["frames"]) {
     expect_keys(frame,

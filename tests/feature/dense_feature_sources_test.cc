@@ -57,13 +57,46 @@ class DenseFeatureSourcesTest : public testing::Test {
 
 TEST_F(DenseFeatureSourcesTest, ImagesOfTheFrameComeFirst) {
   const ImageFolder images(folder_.Path());
-  EXPECT_EQ(images.Find("000012", "0.png"), folder_ / "0.png");
-  EXPECT_EQ(images.Find("000012", "a/1.png"), folder_ / "000012/a/1.png");
-  EXPECT_EQ(images.Find("000013", "a/1.png"), "");
+  const auto find = [&images](const std::string& frame,
+                              const std::string& image,
+                              const std::string& camera = "none") {
+    DenseFeatureRequest request;
+    request.frame_name = frame;
+    request.camera_name = camera;
+    request.image_name = image;
+    return images.Find(request);
+  };
+  EXPECT_EQ(find("000012", "0.png"), folder_ / "0.png");
+  EXPECT_EQ(find("000012", "a/1.png"), folder_ / "000012/a/1.png");
+  EXPECT_EQ(find("000013", "a/1.png"), "");
   image_.Write(folder_ / "000012/0.png");
-  EXPECT_EQ(images.Find("000012", "0.png"), folder_ / "000012/0.png");
-  EXPECT_EQ(images.Find("000013", "0.png"), folder_ / "0.png");
-  EXPECT_EQ(images.Find("000012", "a"), "");
+  EXPECT_EQ(find("000012", "0.png"), folder_ / "000012/0.png");
+  EXPECT_EQ(find("000013", "0.png"), folder_ / "0.png");
+  EXPECT_EQ(find("000012", "a"), "");
+}
+
+TEST_F(DenseFeatureSourcesTest, ImagesByCameraAndInOneFolder) {
+  const TemporaryFolder by_camera;
+  image_.Write(by_camera / "cam07/000012.png");
+  image_.Write(by_camera / "008/008_000012.png");
+  const TemporaryFolder flat;
+  image_.Write(flat / "cam_07_000012.png");
+  image_.Write(flat / "000013_008.png");
+  const auto find = [](const TemporaryFolder& folder,
+                       const std::string& frame,
+                       const std::string& camera) {
+    DenseFeatureRequest request;
+    request.frame_name = frame;
+    request.camera_name = camera;
+    request.image_name = camera + ".png";
+    return ImageFolder(folder.Path()).Find(request);
+  };
+  EXPECT_EQ(find(by_camera, "000012", "cam07"), by_camera / "cam07/000012.png");
+  EXPECT_EQ(find(by_camera, "000012", "8"), by_camera / "008/008_000012.png");
+  EXPECT_EQ(find(by_camera, "000013", "cam07"), "");
+  EXPECT_EQ(find(flat, "000012", "cam_07"), flat / "cam_07_000012.png");
+  EXPECT_EQ(find(flat, "000013", "8"), flat / "000013_008.png");
+  EXPECT_EQ(find(flat, "000012", "8"), "");
 }
 
 TEST_F(DenseFeatureSourcesTest, Sift) {

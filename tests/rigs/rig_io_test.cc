@@ -306,7 +306,7 @@ TEST(ReadRig, Detection) {
   ExpectInputError([&] { Read(folder.Path(), "krt"); }, {"folder", "a file"});
   ExpectInputError([&] { Read(folder.Path(), "opencv"); }, {"extri.yml"});
   ExpectInputError([&] { Read(folder.Path(), "colmap"); }, {"cameras"});
-  EXPECT_THROW(Read(folder.Path(), "kalibr"), UsageError);
+  EXPECT_THROW(Read(folder.Path(), "bundler"), UsageError);
   // Forced formats win over what detection would find.
   WriteFile(folder / "KRT.yml", kKRT);
   ExpectInputError([&] { Read(folder / "KRT.yml"); }, {"%YAML:1.0"});

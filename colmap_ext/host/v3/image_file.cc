@@ -35,6 +35,22 @@ void Thumbnail(int max_image_size, Bitmap* bitmap) {
                   static_cast<int>(bitmap->Height() * scale));
 }
 
+std::vector<uint8_t> EncodeJpeg(const Bitmap& bitmap) {
+  std::vector<uint8_t> bytes;
+  constexpr int kQuality = 80;
+  // FreeImage does not know const.
+  auto* const dib = const_cast<FIBITMAP*>(bitmap.Data());
+  FIMEMORY* const memory = FreeImage_OpenMemory();
+  BYTE* data = nullptr;
+  DWORD size = 0;
+  if (FreeImage_SaveToMemory(FIF_JPEG, dib, memory, kQuality) &&
+      FreeImage_AcquireMemory(memory, &data, &size)) {
+    bytes.assign(data, data + size);
+  }
+  FreeImage_CloseMemory(memory);
+  return bytes;
+}
+
 bool IsImageFileName(const std::string& path) {
   return FreeImage_GetFIFFromFilename(path.c_str()) != FIF_UNKNOWN;
 }

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <memory>
 #include <sstream>
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
 namespace mfir::host {
@@ -26,6 +28,25 @@ uint8_t PixelOrBlack(const Bitmap& bitmap, int x, int y) {
 
 void Thumbnail(int max_image_size, Bitmap* bitmap) {
   bitmap->Thumbnail(max_image_size);
+}
+
+std::vector<uint8_t> EncodeJpeg(const Bitmap& bitmap) {
+  std::vector<uint8_t> bytes;
+  OIIO::Filesystem::IOVecOutput file(bytes);
+  OIIO::ImageSpec spec(bitmap.Width(),
+                       bitmap.Height(),
+                       bitmap.Channels(),
+                       OIIO::TypeDesc::UINT8);
+  spec["CompressionQuality"] = 80;
+  const std::unique_ptr<OIIO::ImageOutput> output =
+      OIIO::ImageOutput::create("image.jpg", &file);
+  if (output == nullptr || !output->open("image.jpg", spec) ||
+      !output->write_image(OIIO::TypeDesc::UINT8,
+                           RowMajorData(bitmap).data()) ||
+      !output->close()) {
+    bytes.clear();
+  }
+  return bytes;
 }
 
 bool IsImageFileName(const std::string& path) {

@@ -9,7 +9,9 @@
 
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/quiet_opencv.h"
-#include "colmap_ext/rigs/rig_formats.h"
+#include "colmap_ext/rig_formats/camera_fields.h"
+#include "colmap_ext/rig_formats/formats.h"
+#include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -20,17 +22,6 @@ namespace fs = std::filesystem;
 bool IsFile(const fs::path& path) {
   std::error_code error;
   return fs::is_regular_file(path, error);
-}
-
-// OpenCV stops at tabs at the end of a line.
-std::string WithoutTrailingBlanks(const std::string& text) {
-  std::istringstream lines(text);
-  std::string result;
-  for (std::string line; std::getline(lines, line);) {
-    line.erase(line.find_last_not_of(" \t\r") + 1);
-    result += line + "\n";
-  }
-  return result;
 }
 
 // Fields "PREFIX_CAMERA" of a file in OpenCV's YAML.
@@ -230,6 +221,60 @@ std::pair<fs::path, fs::path> FindFiles(const fs::path& path) {
   return {extrinsics, IsFile(intrinsics) ? intrinsics : fs::path()};
 }
 
+cv::FileStorage OpenToWrite(const char* name) {
+  return {name,
+          cv::FileStorage::WRITE | cv::FileStorage::MEMORY |
+              cv::FileStorage::FORMAT_YAML};
+}
+
+void WriteNames(const Cameras& cameras, cv::FileStorage* file) {
+  *file << "names"
+        << "[";
+  for (const KnownCamera& camera : cameras) *file << WrittenName(camera);
+  *file << "]";
+}
+
+template <typename Matrix>
+cv::Mat RowMajor(const Matrix& matrix) {
+  cv::Mat result(
+      static_cast<int>(matrix.rows()), static_cast<int>(matrix.cols()), CV_64F);
+  for (int row = 0; row < result.rows; ++row) {
+    for (int col = 0; col < result.cols; ++col) {
+      result.at<double>(row, col) = matrix(row, col);
+    }
+  }
+  return result;
+}
+
+void WriteIntrinsics(const KnownCamera& camera,
+                     Lens lens,
+                     double pixel_offset,
+                     cv::FileStorage* file) {
+  const std::string name = WrittenName(camera);
+  std::vector<double>& distortion = lens.distortion;
+  // EasyMocap takes 5.
+  if (distortion[5] == 0.0 && distortion[6] == 0.0 && distortion[7] == 0.0) {
+    distortion.resize(5);
+  }
+  *file << "K_" + name << RowMajor(lens.K(pixel_offset));
+  *file << "dist_" + name << cv::Mat(distortion, /*copyData=*/true).t();
+  if (camera.width > 0) {
+    *file << "W_" + name << static_cast<int>(camera.width);
+    *file << "H_" + name << static_cast<int>(camera.height);
+  }
+}
+
+void WritePose(const KnownCamera& camera, cv::FileStorage* file) {
+  const std::string name = WrittenName(camera);
+  const Eigen::Matrix<double, 3, 4> pose = PoseMatrix(camera);
+  const Eigen::AngleAxisd angle_axis(
+      camera.cam_from_world.rotation.normalized());
+  const Eigen::Vector3d rotation = angle_axis.angle() * angle_axis.axis();
+  *file << "R_" + name << RowMajor(rotation);
+  *file << "Rot_" + name << RowMajor(pose.leftCols<3>());
+  *file << "T_" + name << RowMajor(pose.col(3));
+}
+
 }  // namespace
 
 bool IsOpenCVRig(const std::string& path) {
@@ -237,15 +282,16 @@ bool IsOpenCVRig(const std::string& path) {
          IsFile(fs::path(path) / "intri.yml") || IsYamlFile(path);
 }
 
-std::vector<KnownCamera> ReadOpenCVCameras(const std::string& path,
-                                           double pixel_offset) {
+Cameras ReadOpenCVRig(const std::string& path,
+                      double pixel_offset,
+                      RigRemarks* /*remarks*/) {
   const QuietOpenCV quiet_opencv;
   const auto [extrinsics_path, intrinsics_path] = FindFiles(path);
   fs::path current_path = extrinsics_path;
   try {
     const OpenCVFile extrinsics(extrinsics_path.string());
     std::optional<OpenCVFile> intrinsics;
-    std::vector<KnownCamera> cameras;
+    Cameras cameras;
     for (const std::string& name : extrinsics.CameraNames()) {
       KnownCamera& camera = cameras.emplace_back();
       camera.image_name = name;
@@ -262,6 +308,37 @@ std::vector<KnownCamera> ReadOpenCVCameras(const std::string& path,
   } catch (const cv::Exception& error) {
     throw InputError(current_path.string() + ": not a file in OpenCV's YAML (" +
                      error.err + "). It must begin with %YAML:1.0.");
+  }
+}
+
+void WriteOpenCVRig(const std::string& path,
+                    const Cameras& cameras,
+                    double pixel_offset,
+                    RigRemarks* remarks) {
+  const QuietOpenCV quiet_opencv;
+  LensFitter fitter("opencv", 8, /*has_fisheye=*/false);
+  std::error_code ignored;
+  fs::create_directories(path, ignored);
+  try {
+    cv::FileStorage intrinsics = OpenToWrite("intri.yml");
+    cv::FileStorage extrinsics = OpenToWrite("extri.yml");
+    WriteNames(cameras, &intrinsics);
+    WriteNames(cameras, &extrinsics);
+    for (const KnownCamera& camera : cameras) {
+      RequireIntrinsics("opencv", camera);
+      WriteIntrinsics(camera, fitter.Fit(camera), pixel_offset, &intrinsics);
+      WritePose(camera, &extrinsics);
+    }
+    fitter.AddRemarks(remarks);
+    WriteRigFile((fs::path(path) / "intri.yml").string(),
+                 intrinsics.releaseAndGetString());
+    WriteRigFile((fs::path(path) / "extri.yml").string(),
+                 extrinsics.releaseAndGetString());
+  } catch (const cv::Exception& error) {
+    throw OutputError(path + ": cannot be written in OpenCV's YAML (" +
+                      error.err +
+                      "). Camera names may have letters, digits, '_' and '-' "
+                      "only there.");
   }
 }
 
