@@ -52,13 +52,15 @@ std::set<std::string> RefinerNames() {
 
 void PrintHelp() {
   std::cout
-      << "From images and known extrinsics to refined intrinsics:\n\n"
-         "  multi_frame_automatic_refiner --workspace_path W --image_path "
-         "IMAGES --extrinsics_path RIG\n\n"
-         "makes W/frames (multi_frame_triangulator) and W/refined\n"
-         "(multi_frame_intrinsics_refiner), and takes all options of the two "
-         "but\ninput_path and output_path; see their --help. Run again, it "
-         "goes on where it\nended.\n";
+      << "From images and known extrinsics to refined intrinsics: W/frames "
+         "(multi_frame_triangulator) and W/refined\n"
+         "(multi_frame_intrinsics_refiner). Run again, it goes on where it "
+         "ended.\n\n"
+         "Example:\n  colmap multi_frame_automatic_refiner --workspace_path W "
+         "--image_path IMAGES --extrinsics_path RIG\n\n"
+         "Options: --workspace_path, and all of the two commands but "
+         "input_path "
+         "and output_path; see their --help.\n";
 }
 
 // "--name value" and "--name=value".
