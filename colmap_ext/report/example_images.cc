@@ -66,6 +66,18 @@ double Rms(const Report& report, size_t camera_idx) {
                   "/cameras/" + std::to_string(camera_idx) + "/rms_px_after");
 }
 
+// Its file, "" if there is none.
+std::string FindFile(const ImageFolder& folder,
+                     const std::string& frame_name,
+                     const host::Image& image,
+                     const Report& report) {
+  DenseFeatureRequest request;
+  request.frame_name = frame_name;
+  request.camera_name = report.cameras[image.CameraId() - 1].name;
+  request.image_name = image.Name();
+  return folder.Find(request);
+}
+
 }  // namespace
 
 void AddExamples(const std::string& frame_name,
@@ -83,7 +95,7 @@ void AddExamples(const std::string& frame_name,
   for (const auto& id_and_image : frame.Images()) {
     const host::Image& image = id_and_image.second;
     if (std::isfinite(Rms(*report, image.CameraId() - 1)) &&
-        !folder.Find(frame_name, image.Name()).empty()) {
+        !FindFile(folder, frame_name, image, *report).empty()) {
       images.push_back(&image);
     }
   }
@@ -102,7 +114,7 @@ void AddExamples(const std::string& frame_name,
     const size_t camera_idx = image.CameraId() - 1;
     const ReportCamera& camera = report->cameras[camera_idx];
     host::Bitmap bitmap;
-    if (!bitmap.Read(folder.Find(frame_name, image.Name())) ||
+    if (!bitmap.Read(FindFile(folder, frame_name, image, *report)) ||
         static_cast<size_t>(bitmap.Width()) != camera.width ||
         static_cast<size_t>(bitmap.Height()) != camera.height) {
       continue;

@@ -44,6 +44,7 @@ std::vector<Eigen::Vector2d> Displacements(
     const CameraValues& before,
     const CameraValues& after,
     const std::vector<Eigen::Vector2d>& pixels) {
+  const Eigen::Vector2d center = ToPinhole(before).principal_point;
   std::vector<Eigen::Vector2d> displacements;
   for (const Eigen::Vector2d& pixel : pixels) {
     Eigen::Vector2d uv(kNaN, kNaN);
@@ -54,8 +55,10 @@ std::vector<Eigen::Vector2d> Displacements(
     before.model->Project(before.params.data(), uv.x(), uv.y(), again.data());
     after.model->Project(after.params.data(), uv.x(), uv.y(), moved.data());
     const Eigen::Vector2d displacement = moved - pixel;
-    // A ray that is not the pixel's tells nothing.
-    const bool is_ray = (again - pixel).norm() < 0.01;
+    // A ray that is not the pixel's tells nothing, nor does one that a
+    // polynomial has folded over from the other side.
+    const bool is_ray =
+        (again - pixel).norm() < 0.01 && uv.dot(pixel - center) >= 0.0;
     displacements.push_back(is_ray && displacement.norm() < kMaxDisplacement
                                 ? displacement
                                 : Eigen::Vector2d(kNaN, kNaN));

@@ -19,7 +19,7 @@ class ReporterTest : public RefinerReferenceTest {
 
   // Names with everything that means something in HTML and JavaScript.
   static std::string NastyName(const std::string& name) {
-    return "\"<u>'&amp;\\" + name.substr(0, name.find('.')) +
+    return "\"<u>'&amp;" + name.substr(0, name.find('.')) +
            "</script><xmp>\xc3\xa4\xe5\xb7\xa6.png";
   }
 
