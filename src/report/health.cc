@@ -218,6 +218,29 @@ void AddCameraFindings(const Report& report, std::vector<Finding>* findings) {
   }
 }
 
+// What is outside of the limits that the user has set.
+void AddLimitFinding(const Report& report, std::vector<Finding>* findings) {
+  constexpr size_t kMaxShown = 12;
+  const Json violations =
+      report.summary["result"].value("limits_exceeded", Json::array());
+  if (violations.empty()) return;
+  std::string list;
+  for (size_t i = 0; i < std::min(kMaxShown, violations.size()); ++i) {
+    const std::string pointer =
+        "/result/limits_exceeded/" + std::to_string(i) + "/";
+    list += (i == 0 ? "" : "; ") +
+            TextField(report.summary, pointer + "camera") + ", <code>" +
+            TextField(report.summary, pointer + "limit") + "</code> " +
+            Field(report.summary, pointer + "value", 3) + " &gt; " +
+            Field(report.summary, pointer + "max", 3);
+  }
+  if (violations.size() > kMaxShown) {
+    list += " and " + Count(violations.size() - kMaxShown) + " more";
+  }
+  findings->push_back(
+      {Health::kLook, "Outside of the limits that were set: " + list + "."});
+}
+
 void AddInputFindings(const Report& report, std::vector<Finding>* findings) {
   const Json& summary = report.summary;
   size_t num_skipped = 0;
@@ -306,6 +329,7 @@ std::vector<Finding> ResultFindings(const Report& report) {
   std::vector<Finding> findings = {
       StatusFinding(report), HeldOutFinding(report), ModesFinding(report)};
   AddCameraFindings(report, &findings);
+  AddLimitFinding(report, &findings);
   AddAspectFinding(report, &findings);
   AddInputFindings(report, &findings);
   SortByGravity(&findings);
