@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include "src/util/errors.h"
+
 namespace mfir {
 namespace {
 
