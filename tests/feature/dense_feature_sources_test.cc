@@ -77,6 +77,8 @@ TEST_F(DenseFeatureSourcesTest, ImagesOfTheFrameComeFirst) {
 
 TEST_F(DenseFeatureSourcesTest, ImagesByCameraAndInOneFolder) {
   const TemporaryFolder by_camera;
+  std::filesystem::create_directories(by_camera / "cam07");
+  std::filesystem::create_directories(by_camera / "008");
   image_.Write(by_camera / "cam07/000012.png");
   image_.Write(by_camera / "008/008_000012.png");
   const TemporaryFolder flat;
