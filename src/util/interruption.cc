@@ -39,7 +39,7 @@ void RemoveAtOnce(const fs::path& path) {
   fs::path doomed = path;
   doomed += ".removed_" + std::to_string(getpid());
   fs::rename(path, doomed, ignored);
-  if (!ignored) std::ofstream(path).flush();
+  std::ofstream(path).flush();
   fs::remove_all(doomed, ignored);
 }
 
@@ -53,15 +53,14 @@ void Print(const std::string& line) {
   while (sigwait(&signals, &signal) != 0) {
   }
   State& state = GetState();
+  // Both for good: nothing is published or begun any more.
   state.publication.lock();
+  state.paths_mutex.lock();
   state.interrupted = true;
-  {
-    const std::lock_guard<std::mutex> lock(state.paths_mutex);
-    for (const fs::path& path : state.paths) RemoveAtOnce(path);
-    for (const fs::path& path : state.paths) {
-      std::error_code ignored;
-      fs::remove_all(path, ignored);
-    }
+  for (const fs::path& path : state.paths) RemoveAtOnce(path);
+  for (const fs::path& path : state.paths) {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
   }
   Print(std::string("Interrupted by ") +
         (signal == SIGINT ? "SIGINT" : "SIGTERM") +
