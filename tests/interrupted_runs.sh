@@ -34,7 +34,14 @@ no_rests() {
   [[ -z $rests ]] || fail "$1 left $rests"
 }
 
-# interrupt NAME OUTPUT COMMAND...: the whole run, then interrupted ones, then a
+# whole_run OPTION...: a run of interrupt's command that gives its result.
+whole_run() {
+  "$colmap" "$name" "$@" >"$work/log.txt" 2>&1 || fail "$name: $(cat "$work/log.txt")"
+  [[ $(digest "$output") == "$before" ]] || fail "$name: another result than before"
+  no_rests "$name"
+}
+
+# interrupt NAME OUTPUT OPTION...: the whole run, then interrupted ones, then a
 # whole one again.
 interrupt() {
   local name=$1 output=$2 begin duration_ms before signal code expected delay_ms count=0
@@ -65,14 +72,14 @@ interrupt() {
         fail "$name: stderr after $signal at $delay_ms ms: $(cat "$work/stderr.txt")"
       no_rests "$name after $signal at $delay_ms ms"
     fi
+    # A killed run leaves what it had begun; the next whole one removes it.
+    [[ $code -ne 137 ]] || whole_run "$@"
     # The triangulator skips frames that are finished: each of them is whole.
     [[ $name == multi_frame_triangulator ]] || [[ $(digest "$output") == "$before" ]] ||
       fail "$name: the earlier result has changed after $signal at $delay_ms ms"
     [[ $name != multi_frame_triangulator ]] || rm -rf "$output"
   done
-  "$colmap" "$name" "$@" >"$work/log.txt" 2>&1 || fail "$name: $(cat "$work/log.txt")"
-  [[ $(digest "$output") == "$before" ]] || fail "$name: another result than before"
-  no_rests "$name"
+  whole_run "$@"
   echo "$name: $count of $runs runs interrupted within $duration_ms ms"
 }
 
