@@ -22,7 +22,7 @@ namespace mfir {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 struct Argument {
   std::string name;  // without dashes

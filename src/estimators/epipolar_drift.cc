@@ -30,7 +30,7 @@ Eigen::Vector2d OffsetFromCenter(const RigCamera& camera,
   return xy - 0.5 * Eigen::Vector2d(camera.width, camera.height);
 }
 
-Eigen::Vector3d Ray(const RigCamera& camera, const Eigen::Vector2d& xy) {
+Eigen::Vector3d RayOf(const RigCamera& camera, const Eigen::Vector2d& xy) {
   Eigen::Vector2d uv;
   camera.model->Unproject(camera.params.data(), xy.x(), xy.y(), uv.data());
   return uv.homogeneous().normalized();
@@ -42,7 +42,7 @@ Eigen::Matrix<double, 3, 2> RayDerivative(const RigCamera& camera,
   Eigen::Matrix<double, 3, 2> derivative;
   for (int axis = 0; axis < 2; ++axis) {
     const Eigen::Vector2d step = 0.5 * Eigen::Vector2d::Unit(axis);
-    derivative.col(axis) = Ray(camera, xy + step) - Ray(camera, xy - step);
+    derivative.col(axis) = RayOf(camera, xy + step) - RayOf(camera, xy - step);
   }
   return derivative;
 }
@@ -81,8 +81,8 @@ Equation MakeEquation(const RigCamera& camera1,
                       const EpipolarMatch& match) {
   const Eigen::Matrix3d E =
       EssentialMatrix(camera1.cam_from_world, camera2.cam_from_world);
-  const Eigen::Vector3d ray1 = Ray(camera1, match.xy1);
-  const Eigen::Vector3d ray2 = Ray(camera2, match.xy2);
+  const Eigen::Vector3d ray1 = RayOf(camera1, match.xy1);
+  const Eigen::Vector3d ray2 = RayOf(camera2, match.xy2);
   const double value = ray2.dot(E * ray1);
   // The denominator of the error hardly changes: its size is enough.
   const double error = EpipolarError(
