@@ -22,45 +22,45 @@ fail() {
   status=1
 }
 
-# room FILE: its folder; the sides of the host for the versions of COLMAP are one.
-room() {
-  local folder=${1%/*}
-  [[ $folder != colmap_ext/host/v[0-9] ]] || folder=colmap_ext/host
-  echo "$folder"
-}
+# Variables in the stead of output: a process for each include would take seconds.
+declare -A rank
+for i in "${!rooms[@]}"; do rank[${rooms[i]}]=$i; done
 
-# rank ROOM: its place, or nothing.
-rank() {
-  local i
-  for i in "${!rooms[@]}"; do
-    [[ ${rooms[i]} != "$1" ]] || echo "$i"
-  done
+# find_room FILE: sets room to its folder; the sides of the host for the versions of
+# COLMAP are one.
+find_room() {
+  room=${1%/*}
+  [[ $room != colmap_ext/host/v[0-9] ]] || room=colmap_ext/host
 }
 
 check_include() {
-  local file=$1 line=$2 include=$3 room path
-  room=$(room "$file")
-  path=$(sed -E 's/.*[<"]([^>"]*)[>"].*/\1/' <<<"$include")
+  local file=$1 line=$2 include=$3 room path from
+  find_room "$file"
+  from=$room
+  path=${include#*[<\"]}
+  path=${path%%[>\"]*}
   if [[ $include == *\<* ]]; then
     [[ $path != *colmap/* ]] || fail "$file:$line: $path is a header of an installed COLMAP"
     return
   fi
   if [[ ! -f $path ]]; then
-    [[ $room == colmap_ext/host ]] ||
+    [[ $from == colmap_ext/host ]] ||
       fail "$file:$line: $path is no file of the project; COLMAP's headers belong to colmap_ext/host"
     return
   fi
   # The launchers and the maths that they launch know each other.
-  [[ $room != cuda || $path != src/feature/* ]] || return 0
-  if [[ -z $(rank "$(room "$path")") ]] || (($(rank "$(room "$path")") > $(rank "$room"))); then
-    fail "$file:$line: $room may not include $path: it points up"
+  [[ $from != cuda || $path != src/feature/* ]] || return 0
+  find_room "$path"
+  if [[ -z ${rank[$room]-} ]] || ((rank[$room] > rank[$from])); then
+    fail "$file:$line: $from may not include $path: it points up"
   fi
 }
 
 for folder in src colmap_ext cuda; do
   while IFS=: read -r file line include; do
     num_includes=$((num_includes + 1))
-    if [[ -z $(rank "$(room "$file")") ]]; then
+    find_room "$file"
+    if [[ -z ${rank[$room]-} ]]; then
       fail "$file: ${file%/*} is no room"
       continue
     fi
@@ -73,7 +73,7 @@ while IFS=: read -r file line text; do
 done < <(grep -rnE '\<(colmap::|MFIR_COLMAP_MAJOR)' --include='*.h' --include='*.cc' src colmap_ext tests)
 while IFS= read -r file; do
   room=$(basename "$(dirname "$file")")
-  [[ -n $(rank "src/$room")$(rank "colmap_ext/$room") ]] ||
+  [[ -n ${rank[src/$room]-}${rank[colmap_ext/$room]-} ]] ||
     fail "$file: tests mirror the rooms, and there is no room $room"
 done < <(find tests -name '*_test.cc')
 
