@@ -223,6 +223,16 @@ void ThrowUnlessConverged(const RefinerResult& result,
         "Correct these cameras in RIG, or remove them "
         "from it, and run again.");
   }
+  if (result.refined.refinement.stalled) {
+    throw SolverError(
+        "The last solve stopped where no step lowers its cost, short of a "
+        "minimum; " +
+        where +
+        "A camera whose intrinsics start far off, or whose lens model is too "
+        "rich for its points, does this: look at the WARNINGs and flags, take "
+        "a simpler --MultiFrame.camera_model or the intrinsics of RIG "
+        "(--MultiFrame.use_prior_intrinsics 1).");
+  }
   throw SolverError(
       "The last solve did not converge within " +
       std::to_string(max_num_iterations) + " iterations; " + where +

@@ -35,9 +35,9 @@ void MultiFrameOptions::ApplyPreset(const std::string& name) {
     retriangulation_rounds = 2;
     held_out_share = 0.05;
     min_information = paper.min_information;
-    // Few need more than 50. Where the frames' own models are far off, the way
-    // along the weak modes is long.
-    max_num_iterations = 500;
+    // Few need more than 50. Where the frames' own models are far off and the
+    // lens model is rich, the way along the weak modes is long (up to 650).
+    max_num_iterations = 2000;
   }
 }
 

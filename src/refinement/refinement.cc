@@ -119,6 +119,7 @@ class Refiner {
               losses.cost_maps == nullptr ? kTolerance : kCostMapTolerance);
     RefinementResult result;
     result.converged = summary.converged;
+    result.stalled = Stalled(summary);
     result.last_step_stds = summary.last_step_stds;
     result.last_focal_change = summary.last_focal_change;
     result.covariance = summary.covariance;
@@ -139,6 +140,11 @@ class Refiner {
  private:
   // Whether the losses follow from the residuals.
   bool EstimatesLoss() const { return options_.loss_scale == 0.0; }
+
+  bool Stalled(const FixedExtrinsicsSummary& summary) const {
+    return !summary.converged &&
+           summary.num_iterations < options_.max_num_iterations;
+  }
 
   bool HasFeatures() const {
     return options_.featuremetric_weight > 0.0 &&
@@ -244,7 +250,9 @@ class Refiner {
     stage.time_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start)
             .count();
-    stage.termination = summary.converged ? "converged" : "max_num_iterations";
+    stage.termination = summary.converged  ? "converged"
+                        : Stalled(summary) ? "failed"
+                                           : "max_num_iterations";
     stage.rms_px = InlierRms(SquaredResiduals(scene_, estimate_));
     callback_(stage);
     return summary;
@@ -322,6 +330,7 @@ void AddFrameResult(const RefinementResult& frame,
                     double num_frames,
                     RefinementResult* sum) {
   sum->converged = sum->converged && frame.converged;
+  sum->stalled = sum->stalled || frame.stalled;
   sum->last_step_stds = std::max(sum->last_step_stds, frame.last_step_stds);
   sum->last_focal_change =
       std::max(sum->last_focal_change, frame.last_focal_change);

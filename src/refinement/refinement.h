@@ -18,6 +18,8 @@ namespace mfir {
 struct RefinementResult {
   Estimate estimate;
   bool converged = false;
+  // Ended before the iterations ran out, because no step led on.
+  bool stalled = false;
   // See FixedExtrinsicsSummary.
   double last_step_stds = 0.0;
   double last_focal_change = 0.0;
