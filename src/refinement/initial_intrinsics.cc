@@ -3,13 +3,39 @@
 #include <algorithm>
 #include <utility>
 
+#include <Eigen/Core>
+
 #include "src/util/median.h"
 
 namespace mfir {
 namespace {
 
-// COLMAP's limits of what is no bogus camera. Structure from motion with few
-// images of a camera ends anywhere.
+// Whether pixels at half of the shorter side from the principal point stay
+// between 0.3 and 3 times that far from it. (A fisheye lens of 220 degrees has
+// 0.57.)
+bool IsDistortionPlausible(const RigCamera& camera,
+                           const std::vector<double>& params) {
+  const std::vector<size_t>& pp_idxs = camera.model->PrincipalPointIdxs();
+  const Eigen::Vector2d principal_point(params[pp_idxs[0]], params[pp_idxs[1]]);
+  const double focal_length = params[camera.model->FocalLengthIdxs()[0]];
+  const double radius =
+      0.5 * static_cast<double>(std::min(camera.width, camera.height));
+  const double uv = radius / focal_length;
+  for (const auto& [u, v] : {std::pair(uv, 0.0),
+                             std::pair(-uv, 0.0),
+                             std::pair(0.0, uv),
+                             std::pair(0.0, -uv)}) {
+    Eigen::Vector2d xy;
+    camera.model->Project(params.data(), u, v, xy.data());
+    const double ratio = (xy - principal_point).norm() / radius;
+    if (!(ratio >= 0.3 && ratio <= 3.0)) return false;
+  }
+  return true;
+}
+
+// COLMAP's limits of what is no bogus camera, but for distortion, which COLMAP
+// judges by the size of its parameters. Structure from motion with few images
+// of a camera ends anywhere.
 bool IsPlausible(const RigCamera& camera, const std::vector<double>& params) {
   const double max_size =
       static_cast<double>(std::max(camera.width, camera.height));
@@ -19,12 +45,27 @@ bool IsPlausible(const RigCamera& camera, const std::vector<double>& params) {
   }
   const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
   return params[idxs[0]] >= 0.0 && params[idxs[0]] <= camera.width &&
-         params[idxs[1]] >= 0.0 && params[idxs[1]] <= camera.height;
+         params[idxs[1]] >= 0.0 && params[idxs[1]] <= camera.height &&
+         IsDistortionPlausible(camera, params);
+}
+
+// The parameter's median over the array's plausible cameras of the same model
+// and image size, if there are any.
+void TakeMedian(const std::vector<RigCamera>& cameras,
+                size_t idx,
+                RigCamera* camera) {
+  std::vector<double> values;
+  for (const RigCamera& other : cameras) {
+    if (other.model == camera->model && other.width == camera->width &&
+        other.height == camera->height && IsPlausible(other, other.params)) {
+      values.push_back(other.params[idx]);
+    }
+  }
+  if (!values.empty()) camera->params[idx] = Median(values);
 }
 
 // The medians of the plausible images only. A camera without any gets focal
-// lengths that are the median of the array's cameras of the same model and
-// image size, and the image centre.
+// lengths and distortion from the array's other cameras, and the image centre.
 std::vector<RigCamera> ReplaceImplausibleIntrinsics(
     const Scene& scene,
     const std::vector<FrameEstimate>& frames,
@@ -50,14 +91,10 @@ std::vector<RigCamera> ReplaceImplausibleIntrinsics(
   for (RigCamera& camera : cameras) {
     if (camera.model == nullptr || IsPlausible(camera, camera.params)) continue;
     for (const size_t idx : camera.model->FocalLengthIdxs()) {
-      std::vector<double> focal_lengths;
-      for (const RigCamera& other : medians) {
-        if (other.model == camera.model && other.width == camera.width &&
-            other.height == camera.height && IsPlausible(other, other.params)) {
-          focal_lengths.push_back(other.params[idx]);
-        }
-      }
-      if (!focal_lengths.empty()) camera.params[idx] = Median(focal_lengths);
+      TakeMedian(medians, idx, &camera);
+    }
+    for (const size_t idx : camera.model->ExtraParamsIdxs()) {
+      TakeMedian(medians, idx, &camera);
     }
     const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
     camera.params[idxs[0]] = 0.5 * static_cast<double>(camera.width);

@@ -20,9 +20,11 @@ std::vector<RigCamera> WithMedianIntrinsics(
 // Sets the intrinsics of the rig's cameras, in the scene (for priors) and in
 // the estimate, to the median of their frames, and parameters that are not
 // refined to the same value in all frames. Images whose focal length is not 0.1
-// to 10 times the larger image side, or whose principal point is outside of the
-// image, do not count; a camera that has no others starts from the array's
-// median focal length and the image centre.
+// to 10 times the larger image side, whose principal point is outside of the
+// image, or whose distortion changes distances by more than a factor of
+// three, do not
+// count; a camera that has no others starts from the array's median focal
+// length and distortion and the image centre.
 SceneEstimate InitializeIntrinsics(const MultiFrameOptions& options,
                                    SceneEstimate capture);
 

@@ -13,6 +13,7 @@
 #include "src/estimators/scale_mixture_loss.h"
 #include "src/refinement/initial_intrinsics.h"
 #include "src/scene/residual_statistics.h"
+#include "src/scene/overlapping_tracks.h"
 #include "src/scene/static_point_search.h"
 
 namespace mfir {
@@ -198,7 +199,8 @@ class Refiner {
     solver_options.parameter_tolerance = parameter_tolerance;
     if (name == "final") {
       solver_options.compute_covariance = true;
-      solver_options.repeated_tracks = FindStaticPoints(scene_);
+      solver_options.repeated_tracks =
+          GroupOverlappingTracks(scene_, FindStaticPoints(scene_));
     }
     solver_options.num_threads = options_.EffectiveNumThreads();
     for (const RigCamera& camera : scene_.cameras) {

@@ -95,5 +95,45 @@ TEST(InitializeIntrinsics, ImplausibleImagesDoNotCount) {
   EXPECT_EQ(scene.scene.cameras[1].params, scene.estimate.cameras[1].params);
 }
 
+// Structure from motion can end with distortion that is out of this world. A
+// camera that started from it lost its focal length (convergence.sh,
+// robovision12/frames_sfm with SIMPLE_RADIAL, seeds 15, 27, 34, 37, 67, 72).
+TEST(InitializeIntrinsics, ImplausibleDistortionDoesNotCount) {
+  TestSceneOptions scene_options;
+  scene_options.model = "SIMPLE_RADIAL";
+  scene_options.num_frames = 3;
+  SceneEstimate scene = MakeTestScene(scene_options).start;
+  const SceneEstimate before = scene;
+  scene.estimate.frames[1].images[0].params[3] = 6e5;  // one of three frames
+  for (FrameEstimate& frame : scene.estimate.frames) {
+    frame.images[1].params[3] = -6e5;
+  }
+  scene = InitializeIntrinsics(Options(0.0), scene);
+  EXPECT_DOUBLE_EQ(scene.estimate.cameras[0].params[3],
+                   0.5 * (before.estimate.frames[0].images[0].params[3] +
+                          before.estimate.frames[2].images[0].params[3]));
+  std::vector<double> others;
+  for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
+    if (i != 1) others.push_back(scene.estimate.cameras[i].params[3]);
+  }
+  std::sort(others.begin(), others.end());
+  EXPECT_EQ(scene.estimate.cameras[1].params[3], others[others.size() / 2]);
+}
+
+TEST(InitializeIntrinsics, TypicalLensesArePlausible) {
+  for (const CameraModel* model : AllCameraModels()) {
+    TestSceneOptions scene_options;
+    scene_options.model = model->Name();
+    SceneEstimate scene = MakeTestScene(scene_options).start;
+    const std::vector<double> params =
+        scene.estimate.frames[0].images[1].params;
+    for (FrameEstimate& frame : scene.estimate.frames) {
+      frame.images[1].params = params;
+    }
+    scene = InitializeIntrinsics(Options(0.0), scene);
+    EXPECT_EQ(scene.estimate.cameras[1].params, params) << model->Name();
+  }
+}
+
 }  // namespace
 }  // namespace mfir
