@@ -7,8 +7,8 @@
 #
 #   COLMAP         the program
 #   FAILING_CALLS  the library of tests/faults/failing_calls.c
-#   STRIDE         every how many writes the disk becomes full, and 1 / STRIDE of 40
-#                  runs with inputs that change; default 1
+#   STRIDE         every how many writes the disk becomes full, 1 / STRIDE of 40 runs
+#                  with inputs that change, and above 1 every third name; default 1
 #   FAULT          full_disk, read_only, changed_input, two_runs, memory, few_files,
 #                  names; default: all
 set -euo pipefail
@@ -241,7 +241,7 @@ on_little_memory() {
 # From what the program needs to be loaded on.
 memory() {
   local least=100000
-  until (ulimit -v "$least" && "$colmap" multi_frame_simulator --help) >/dev/null 2>&1; do
+  until bash -c 'limited -v "$@"' - "$least" "$colmap" multi_frame_simulator --help >/dev/null 2>&1; do
     least=$((least + 5000))
     ((least < 4000000)) || fail "the program does not start"
   done
@@ -260,9 +260,10 @@ few_files() { commands on_few_files; }
 
 # The same results in folders, and of frames, of other names.
 names() {
-  local name part original=$data reference=$results
+  local name part i=0 original=$data reference=$results
   for name in "$(printf 'n%.0s' {1..255})" $'line\nbreak' "it's \"quoted\" & <b>" \
-    $'\xff\xfe not UTF-8' '$(touch "$HOME/x"); *?' '-rf' '#1 = [x]'; do
+    $'\xff\xfe not UTF-8' '$(touch escaped); *?' '-rf' '#1 = [x]'; do
+    ((i++ % (stride > 1 ? 3 : 1) == 0)) || continue
     for part in folder frame; do
       data=$work/names/data
       results=$work/names/results

@@ -102,7 +102,7 @@ TEST(ReplaceFile, LinksAreNotFollowed) {
 TEST(ReplaceFile, CannotBeWritten) {
   const TemporaryFolder folder;
   fs::create_directory(folder / "folder");
-  for (const std::string path :
+  for (const std::string& path :
        {folder / "folder", folder / "folder/", folder / "no/file"}) {
     ExpectOutputError([&]() { ReplaceFile(path, "text"); }, "cannot write");
   }
