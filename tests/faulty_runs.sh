@@ -7,8 +7,9 @@
 #
 #   COLMAP         the program
 #   FAILING_CALLS  the library of tests/faults/failing_calls.c
-#   STRIDE         every how many writes the disk becomes full, 1 / STRIDE of 40 runs
-#                  with inputs that change, and above 1 every third name; default 1
+#   STRIDE         above 1 about 400 / STRIDE of the writes of a command find the disk
+#                  full, 1 / STRIDE of 40 runs have inputs that change, and every third
+#                  name is tried; default 1: all
 #   FAULT          full_disk, read_only, changed_input, two_runs, memory, few_files,
 #                  names; default: all
 set -euo pipefail
@@ -103,14 +104,15 @@ unchanged() {
 
 # Every write, one after another, is the first that finds the disk full.
 on_full_disk() {
-  local name=$1 output=$2 before num n
+  local name=$1 output=$2 before num n step=1
   shift 2
   before=$(digest "$output")
   attempt "$name" 0 env LD_PRELOAD="$failing_calls" MFIR_FAIL_COUNT="$work/count.txt" \
     "$colmap" "$name" "$@"
   num=$(cat "$work/count.txt")
   ((num > 0)) || fail "$name: no writes are counted"
-  for ((n = 1 + RANDOM % stride; n <= num; n += stride)); do
+  ((stride == 1)) || step=$((1 + num * stride / 400))
+  for ((n = 1 + RANDOM % step; n <= num; n += step)); do
     attempt "$name, full at write $n of $num" "0 4" env LD_PRELOAD="$failing_calls" \
       MFIR_FAIL_FROM=$n "$colmap" "$name" "$@"
     unchanged "$name, full at write $n of $num" "$output"

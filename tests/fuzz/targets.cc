@@ -155,7 +155,8 @@ void RunIni(const FuzzTarget& target, const std::string& input) {
     for (std::string& argument : arguments) argv.push_back(argument.data());
     parser.Parse(static_cast<int>(argv.size()), argv.data());
     parser.Write(InputFolder() / "written.ini");
-    parser.ToJson().dump();
+    parser.ToJson().dump(
+        -1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   });
 }
 
