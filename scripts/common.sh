@@ -282,6 +282,25 @@ configure() {
     cmake -S "$MFIR_ROOT" -B "$BUILD_PATH" -G Ninja "${arguments[@]}"
 }
 
+# set_up_preset PRESET TARGET...: the same in BUILD_PATH/PRESET, by a preset of
+# CMakePresets.json.
+set_up_preset() {
+  local preset=$1
+  shift
+  prepare_build_path
+  install_packages
+  find_colmap_source
+  add_colmap_packages
+  install_packages
+  BUILD_PATH=$BUILD_PATH/$preset
+  prepare_build_path
+  export CCACHE_BASEDIR=$MFIR_ROOT CCACHE_NOHASHDIR=1 CCACHE_SLOPPINESS=locale
+  export MFIR_COLMAP_SOURCE=$COLMAP_SOURCE
+  run_step "Configuring the preset $preset" configure \
+    cmake -S "$MFIR_ROOT" --preset "$preset" -B "$BUILD_PATH"
+  build "$@"
+}
+
 # Passes ninja's output on to a log, and a line per tenth of the work to stdout.
 show_progress() {
   local log=$1 start=$SECONDS tenth=0 line

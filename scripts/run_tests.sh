@@ -4,6 +4,8 @@ set -euo pipefail
 # shellcheck source=scripts/common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 
+PRESET=
+
 usage() {
   cat <<USAGE
 Usage: scripts/run_tests.sh [OPTIONS] [-- CTEST_OPTIONS]
@@ -12,16 +14,27 @@ Installs missing packages, builds the colmap program and the tests, and runs
 all tests (or those that ctest's own options choose, as in: -- -R rig).
 
 Options:
+  --sanitize WHICH     address (and undefined behaviour) or thread: build the
+                       project's own code with it, in BUILD/asan or BUILD/tsan
 $(common_options)
 USAGE
 }
 
 while (($#)); do
   [[ $1 != -- ]] || { shift && break; }
-  parse_common_option "$@"
+  case $1:${2-} in
+    --sanitize:address) PRESET=asan ;;
+    --sanitize:thread) PRESET=tsan ;;
+    --sanitize:*) usage_error "--sanitize must be address or thread" ;;
+    *) parse_common_option "$@" ;;
+  esac
   shift 2
 done
 
-set_up colmap_program mfir_tests
+if [[ -n $PRESET ]]; then
+  set_up_preset "$PRESET" colmap_program mfir_tests
+else
+  set_up colmap_program mfir_tests
+fi
 cd "$BUILD_PATH"
 ctest --output-on-failure "$@"

@@ -174,6 +174,10 @@ host::Reconstruction TriangulateFrame(
                   database,
                   statistics);
   }
+  // COLMAP is silent about a transaction that could not be written.
+  if (statistics->large_tolerance > 0.0 && database->NumInlierMatches() == 0) {
+    throw OutputError("database.db: cannot write the file. Is the disk full?");
+  }
   if (NumVerifiedPairs(*database, options.min_num_matches, statistics) == 0) {
     throw InputError(
         "no pair of images has enough matches that fit the known extrinsics; "

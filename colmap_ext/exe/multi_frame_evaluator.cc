@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -14,11 +13,11 @@
 #include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
+#include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/evaluation/evaluation.h"
 #include "src/util/errors.h"
-#include "src/util/interruption.h"
 
 namespace mfir {
 namespace {
@@ -189,21 +188,13 @@ void CheckOutput(const std::string& path) {
   }
 }
 
-// Under a temporary name first, so that `path` is never half a file.
+// File names need not be UTF-8, JSON must be.
 void WriteJson(const std::string& path, const nlohmann::ordered_json& json) {
-  const std::string temporary_path = path + ".unfinished";
-  const ScopedTemporaryPath removed_at_end(temporary_path);
-  std::ofstream file(temporary_path);
-  // File names need not be UTF-8, JSON must be.
-  file << json.dump(
-              2, ' ', false, nlohmann::ordered_json::error_handler_t::replace)
-       << "\n";
-  file.close();
-  if (!file || std::rename(temporary_path.c_str(), path.c_str()) != 0) {
-    throw OutputError("--output_path " + path +
-                      ": cannot write the file. Does its folder exist, is it "
-                      "writable, and is the disk not full?");
-  }
+  ReplaceFile(
+      path,
+      json.dump(
+          2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
+          "\n");
 }
 
 Evaluation Evaluate(const EvaluatorOptions& options) {

@@ -1,7 +1,6 @@
 // The command multi_frame_reporter.
 
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -9,6 +8,7 @@
 #include <vector>
 
 #include "colmap_ext/exe/command.h"
+#include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/report/report_reader.h"
 #include "src/report/report_page.h"
@@ -93,20 +93,6 @@ void CheckOutput(const std::string& path) {
   }
 }
 
-// Under a temporary name first, so that `path` is never half a file.
-void WritePage(const std::string& path, const std::string& page) {
-  const std::string temporary_path = path + ".tmp";
-  std::ofstream file(temporary_path);
-  file << page;
-  file.close();
-  if (!file || std::rename(temporary_path.c_str(), path.c_str()) != 0) {
-    std::remove(temporary_path.c_str());
-    throw OutputError("--output_path " + path +
-                      ": cannot write the file. Does its folder exist, is it "
-                      "writable, and is the disk not full?");
-  }
-}
-
 }  // namespace
 
 int RunMultiFrameReporter(int argc, char** argv) {
@@ -115,7 +101,7 @@ int RunMultiFrameReporter(int argc, char** argv) {
     CheckOutput(options.output_path);
     const Report report = ReadReport(
         options.input_path, options.input_path, options.compare_paths);
-    WritePage(options.output_path, MakeReportPage(report));
+    ReplaceFile(options.output_path, MakeReportPage(report));
     std::cout << "Written to " << options.output_path << std::endl;
   });
 }

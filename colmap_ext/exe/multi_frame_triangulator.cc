@@ -6,7 +6,9 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <new>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
@@ -17,6 +19,7 @@
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/model_io.h"
+#include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
@@ -71,57 +74,75 @@ Json MakeRecord(const TriangulatorInputs& inputs,
           {"warnings", warnings}};
 }
 
+// Made where it is missing. A link could lead out of the output.
+fs::path RealFolder(const fs::path& folder) {
+  std::error_code error;
+  if (fs::is_symlink(folder, error)) {
+    throw OutputError(folder.string() +
+                      " is a link, which is not followed. Replace it by a "
+                      "folder, or give another --output_path.");
+  }
+  fs::create_directory(folder, error);
+  if (error) {
+    throw OutputError(folder.string() +
+                      ": cannot make the folder: " + error.message() + ".");
+  }
+  return folder;
+}
+
 // Writes everything under a temporary name; the record is moved last.
 class FrameOutput {
  public:
-  explicit FrameOutput(const fs::path& folder)
-      : folder_(folder),
-        unfinished_(folder / kUnfinishedName),
-        removed_at_end_(unfinished_) {
-    Try([this]() {
-      fs::remove_all(unfinished_);
-      fs::create_directories(unfinished_);
-    });
+  explicit FrameOutput(const fs::path& folder) : folder_(RealFolder(folder)) {
+    work_folder_.emplace(folder / kUnfinishedName);
   }
   ~FrameOutput() {
+    work_folder_.reset();
     std::error_code ignored;
-    fs::remove_all(unfinished_, ignored);
     fs::remove(folder_, ignored);  // only if nothing else is in it
   }
 
   std::string DatabasePath() const {
-    return (unfinished_ / kDatabaseName).string();
+    return (work_folder_->Path() / kDatabaseName).string();
   }
 
   std::string ModelPath() const {
-    return (unfinished_ / "sparse" / "0").string();
+    return (work_folder_->Path() / "sparse" / "0").string();
   }
 
   void Finish(bool keep_database, const Json& record) const {
     Try([&]() {
-      std::ofstream file(unfinished_ / kRecordName);
-      file << record.dump(2, ' ', false, Json::error_handler_t::replace)
-           << "\n";
-      file.close();
-      if (!file) throw std::runtime_error("is the disk full?");
+      const fs::path& work = work_folder_->Path();
+      Write(work / "begun", "{}");
+      Write(work / kRecordName,
+            record.dump(2, ' ', false, Json::error_handler_t::replace));
+      const fs::path model = RealFolder(folder_ / "sparse") / "0";
       const SignalDelay delay;
       // A model beside a record is one of this command's, finished or not.
-      std::ofstream(folder_ / kRecordName, std::ios::trunc) << "{}\n";
+      fs::rename(work / "begun", folder_ / kRecordName);
       if (keep_database) {
         fs::rename(DatabasePath(), folder_ / kDatabaseName);
       }
-      fs::remove_all(folder_ / "sparse" / "0");
-      fs::create_directories(folder_ / "sparse");
-      fs::rename(unfinished_ / "sparse" / "0", folder_ / "sparse" / "0");
-      fs::rename(unfinished_ / kRecordName, folder_ / kRecordName);
+      fs::remove_all(model);
+      fs::rename(work / "sparse" / "0", model);
+      fs::rename(work / kRecordName, folder_ / kRecordName);
     });
   }
 
  private:
+  static void Write(const fs::path& path, const std::string& text) {
+    std::ofstream file(path);
+    file << text << "\n";
+    file.close();
+    if (!file) throw std::runtime_error("is the disk full?");
+  }
+
   template <typename Function>
   void Try(const Function& function) const {
     try {
       function();
+    } catch (const OutputError&) {
+      throw;
     } catch (const std::exception& error) {
       throw OutputError(folder_.string() +
                         ": cannot write: " + std::string(error.what()));
@@ -129,8 +150,8 @@ class FrameOutput {
   }
 
   const fs::path folder_;
-  const fs::path unfinished_;
-  const ScopedTemporaryPath removed_at_end_;
+  // Goes before the folder that it is in.
+  std::optional<WorkFolder> work_folder_;
 };
 
 // Returns what the frame came to, for the log. Throws InputError.
@@ -226,6 +247,8 @@ void ProcessFrames(const TriangulatorOptions& options,
           options, *inputs, num_threads / num_frames_at_once, &log, &frame);
       frame.failure.clear();
     } catch (const OutputError&) {
+      throw;
+    } catch (const std::bad_alloc&) {
       throw;
     } catch (const std::exception& error) {
       frame.failure = error.what();

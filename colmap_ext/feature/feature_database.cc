@@ -172,13 +172,15 @@ void FeatureDatabase::ReadRow(const DenseFeatureRequest& request,
   }
   for (const int axis : {0, 1}) {
     const int64_t corner = sqlite3_column_int64(row->Get(), 1 + axis);
-    const double begin = (corner - 1.0) * patches->pixel_size;
+    // A whole number of 64 bits, which would overflow.
+    const auto position = static_cast<double>(corner);
+    const double begin = (position - 1.0) * patches->pixel_size;
     const double end =
-        (corner + patches->patch_size + 1.0) * patches->pixel_size;
+        (position + patches->patch_size + 1.0) * patches->pixel_size;
     if (sqlite3_column_type(row->Get(), 1 + axis) != SQLITE_INTEGER ||
         !(request.keypoints[i][axis] >= begin &&
           request.keypoints[i][axis] <= end) ||
-        std::abs(corner) > std::numeric_limits<int>::max() / 2) {
+        std::abs(position) > std::numeric_limits<int>::max() / 2) {
       Fail(where + "the patch with the corner (" + row->Text(1) + ", " +
            row->Text(2) + ") does not contain the keypoint at (" +
            std::to_string(request.keypoints[i].x()) + ", " +

@@ -1,12 +1,10 @@
-#include <unistd.h>
-
 #include <filesystem>
 #include <set>
 
 #include "colmap_ext/feature/feature_database.h"
+#include "colmap_ext/io/work_folder.h"
 #include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
-#include "src/util/interruption.h"
 #include "src/util/parse_number.h"
 
 namespace mfir {
@@ -31,8 +29,8 @@ class WritingFeatureSource : public DenseFeatureSource {
                        const std::string& path)
       : source_(std::move(source)),
         path_(path),
-        temporary_path_(path + ".unfinished_" + std::to_string(getpid())),
-        removed_at_end_(temporary_path_) {
+        work_folder_(WorkFolder::Beside(path)),
+        temporary_path_((work_folder_.Path() / "features.db").string()) {
     CheckMayReplace();
     Try([this]() { Create(); });
   }
@@ -94,7 +92,6 @@ class WritingFeatureSource : public DenseFeatureSource {
   }
 
   void Create() {
-    fs::remove(temporary_path_);
     file_ = std::make_unique<SqliteFile>(
         temporary_path_, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
     // A failure leaves nothing that would need the journal.
@@ -146,8 +143,8 @@ class WritingFeatureSource : public DenseFeatureSource {
 
   const std::unique_ptr<DenseFeatureSource> source_;
   const std::string path_;
+  const WorkFolder work_folder_;
   const std::string temporary_path_;
-  const ScopedTemporaryPath removed_at_end_;
   std::unique_ptr<SqliteFile> file_;
   std::unique_ptr<SqliteStatement> insert_;
   bool has_info_ = false;

@@ -57,7 +57,15 @@ std::string Query(sqlite3* database, const std::string& sql) {
   return text;
 }
 
-// Condition for rows of the table of cameras that COLMAP can read.
+// What must be true of all rows of a table. SQLite's conditions on NULL are
+// neither true nor false.
+struct Requirement {
+  std::string table;
+  std::string condition;
+  std::string damage;  // where it is not
+};
+
+// Of rows of the table of cameras that COLMAP can read.
 std::string ReadableCameras() {
   std::string condition = "0";
   for (const CameraModel* model : AllCameraModels()) {
@@ -65,7 +73,71 @@ std::string ReadableCameras() {
         " OR (model = " + std::to_string(CameraModelId(*model)) +
         " AND length(params) = " + std::to_string(8 * model->NumParams()) + ")";
   }
-  return condition;
+  return "typeof(params) = 'blob' AND (" + condition + ")";
+}
+
+// Of a matrix of elements of `size` bytes.
+std::string ReadableMatrix(int size) {
+  return "typeof(rows) = 'integer' AND typeof(cols) = 'integer' AND rows >= 0 "
+         "AND cols >= 0 AND typeof(data) IN ('blob', 'null') AND "
+         "coalesce(length(data), 0) = rows * cols * " +
+         std::to_string(size);
+}
+
+// Of pairs of COLMAP's identifiers of images, from which theirs are made.
+std::string ReadablePairs() {
+  return "typeof(pair_id) = 'integer' AND pair_id >= 0 AND pair_id / "
+         "2147483647 < 2147483647 AND (cols = 2 OR rows = 0) AND " +
+         ReadableMatrix(4);
+}
+
+std::vector<Requirement> RequirementsOfColmap() {
+  const std::string kNoMatrix = " do not have the size that their table says";
+  return {{"cameras",
+           ReadableCameras(),
+           "cameras have an unknown model or not as many parameters as it has"},
+          {"images",
+           "typeof(name) = 'text' AND image_id >= 0 AND image_id < 2147483647",
+           "an image has no name or no valid id"},
+          {"images",
+           "image_id IN (SELECT image_id FROM keypoints)",
+           "an image has no keypoints"},
+          {"keypoints",
+           "cols IN (2, 4, 6) AND " + ReadableMatrix(4),
+           "keypoints" + kNoMatrix},
+          {"matches", ReadablePairs(), "matches" + kNoMatrix},
+          // There may be none, as of other extractors.
+          {"descriptors", ReadableMatrix(1), "descriptors" + kNoMatrix},
+          {"two_view_geometries",
+           ReadablePairs(),
+           "two-view geometries" + kNoMatrix}};
+}
+
+bool HasTable(sqlite3* database, const std::string& name) {
+  return Query(database,
+               "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND "
+               "name = '" +
+                   name + "'") != "0";
+}
+
+// The matrices of a geometry are empty or whole.
+std::string FindDamagedGeometry(sqlite3* database) {
+  for (const auto& [column, size] :
+       {std::pair("F", 72), {"E", 72}, {"H", 72}, {"qvec", 32}, {"tvec", 24}}) {
+    const std::string name = column;
+    if (Query(database,
+              "SELECT count(*) FROM pragma_table_info('two_view_geometries') "
+              "WHERE name = '" +
+                  name + "'") != "0" &&
+        Query(database,
+              "SELECT count(*) FROM two_view_geometries WHERE coalesce(length("
+              "CAST(" +
+                  name + " AS BLOB)), 0) NOT IN (0, " + std::to_string(size) +
+                  ")") != "0") {
+      return "two-view geometries have a damaged " + name;
+    }
+  }
+  return "";
 }
 
 // What is wrong with the content, "" if nothing. COLMAP aborts at what it
@@ -77,47 +149,21 @@ std::string FindDamage(sqlite3* database) {
   Query(database,
         "SELECT camera_id, model, width, height, params, prior_focal_length "
         "FROM cameras");
-  if (Query(database,
-            "SELECT count(*) FROM cameras WHERE NOT (" + ReadableCameras() +
-                ")") != "0") {
-    return "cameras have an unknown model or not as many parameters as it has";
-  }
   Query(database, "SELECT " + host::RequiredImageColumns() + " FROM images");
-  const std::string kRowsTimesCols = " WHERE length(data) != rows * cols * ";
-  if (Query(database,
-            "SELECT count(*) FROM keypoints" + kRowsTimesCols +
-                "4 OR cols NOT IN (2, 4, 6)") != "0") {
-    return "keypoints do not have the size that their table says";
+  for (const Requirement& requirement : RequirementsOfColmap()) {
+    const bool is_optional = requirement.table == "descriptors" ||
+                             requirement.table == "two_view_geometries";
+    if (is_optional && !HasTable(database, requirement.table)) continue;
+    if (Query(database,
+              "SELECT count(*) FROM " + requirement.table + " WHERE (" +
+                  requirement.condition + ") IS NOT TRUE") != "0") {
+      return requirement.damage;
+    }
   }
-  if (Query(database,
-            "SELECT count(*) FROM images WHERE image_id NOT IN (SELECT "
-            "image_id FROM keypoints)") != "0") {
-    return "an image has no keypoints";
-  }
-  if (Query(database,
-            "SELECT count(*) FROM matches" + kRowsTimesCols +
-                "4 OR (cols != 2 AND rows > 0)") != "0") {
-    return "matches do not have the size that their table says";
-  }
-  const auto has_table = [database](const std::string& name) {
-    return Query(database,
-                 "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND "
-                 "name = '" +
-                     name + "'") != "0";
-  };
-  // There may be none, as of other extractors.
-  if (has_table("descriptors") &&
-      Query(database,
-            "SELECT count(*) FROM descriptors" + kRowsTimesCols +
-                "1 OR rows < 0 OR (data IS NULL AND rows * cols > 0)") != "0") {
-    return "descriptors do not have the size that their table says";
-  }
-  const bool has_geometries = has_table("two_view_geometries");
-  if (has_geometries &&
-      Query(database,
-            "SELECT count(*) FROM two_view_geometries" + kRowsTimesCols +
-                "4 OR (cols != 2 AND rows > 0)") != "0") {
-    return "two-view geometries do not have the size that their table says";
+  const bool has_geometries = HasTable(database, "two_view_geometries");
+  if (has_geometries) {
+    const std::string damage = FindDamagedGeometry(database);
+    if (!damage.empty()) return damage;
   }
   const bool has_inliers =
       has_geometries &&
@@ -130,22 +176,18 @@ std::string FindDamage(sqlite3* database) {
   return "";
 }
 
-}  // namespace
-
-void MakeFrameDatabase(const TriangulatorOptions& options,
-                       const std::vector<RigCamera>& cameras,
-                       const std::vector<FrameImageFile>& files,
-                       const std::vector<std::pair<size_t, size_t>>& pairs,
-                       int num_threads,
-                       const std::string& path,
-                       const ProgressFunction& progress,
-                       FrameTimings* timings,
-                       std::vector<std::string>* warnings) {
+void FillDatabase(const TriangulatorOptions& options,
+                  const std::vector<RigCamera>& cameras,
+                  const std::vector<FrameImageFile>& files,
+                  const std::vector<std::pair<size_t, size_t>>& pairs,
+                  int num_threads,
+                  const ProgressFunction& progress,
+                  host::Database* database,
+                  FrameTimings* timings,
+                  std::vector<std::string>* warnings) {
   const auto or_given = [num_threads](int option) {
     return option > 0 ? option : num_threads;
   };
-  const std::shared_ptr<host::Database> database = host::OpenDatabase(path);
-  const host::DatabaseTransaction transaction(database.get());
   host::Timer timer;
   timer.Start();
   const std::vector<FrameFeatures> features =
@@ -155,7 +197,7 @@ void MakeFrameDatabase(const TriangulatorOptions& options,
                       or_given(options.feature_extraction.num_threads),
                       progress,
                       warnings);
-  WriteFeatures(cameras, features, database.get());
+  WriteFeatures(cameras, features, database);
   if (features.size() < 2) {
     throw InputError(std::to_string(features.size()) +
                      " readable images; at least 2 are needed");
@@ -175,11 +217,44 @@ void MakeFrameDatabase(const TriangulatorOptions& options,
   timings->matching = timer.ElapsedSeconds();
 }
 
+}  // namespace
+
+void MakeFrameDatabase(const TriangulatorOptions& options,
+                       const std::vector<RigCamera>& cameras,
+                       const std::vector<FrameImageFile>& files,
+                       const std::vector<std::pair<size_t, size_t>>& pairs,
+                       int num_threads,
+                       const std::string& path,
+                       const ProgressFunction& progress,
+                       FrameTimings* timings,
+                       std::vector<std::string>* warnings) {
+  const std::shared_ptr<host::Database> database = host::OpenDatabase(path);
+  {
+    const host::DatabaseTransaction transaction(database.get());
+    FillDatabase(options,
+                 cameras,
+                 files,
+                 pairs,
+                 num_threads,
+                 progress,
+                 database.get(),
+                 timings,
+                 warnings);
+  }
+  // COLMAP is silent about a transaction that could not be written.
+  if (database->NumImages() == 0) {
+    throw OutputError(path + ": cannot write the file. Is the disk full?");
+  }
+}
+
 void CopyFrameDatabase(const std::string& source, const std::string& path) {
   for (const std::string suffix : {"", "-wal"}) {
     std::error_code error;
     if (!suffix.empty() && !fs::exists(source + suffix, error)) continue;
     fs::copy_file(source + suffix, path + suffix, error);
+    if (error == std::errc::no_space_on_device) {
+      throw OutputError(path + ": cannot write the file. Is the disk full?");
+    }
     if (error) {
       throw InputError(source + suffix +
                        ": cannot copy the file: " + error.message());

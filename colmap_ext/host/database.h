@@ -27,7 +27,7 @@ using colmap::Database;
 using colmap::DatabaseTransaction;
 using colmap::image_pair_t;
 
-// Creates the file if there is none.
+// Creates the file if there is none. Throws OutputError if that fails.
 std::shared_ptr<Database> OpenDatabase(const std::filesystem::path& path);
 
 std::pair<image_t, image_t> PairIdToImagePair(image_pair_t pair_id);

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <utility>
 
-#include "colmap_ext/io/input_file.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -15,8 +15,9 @@ namespace mfir {
 // Walks over a binary file and never beyond its end.
 class BinaryFile {
  public:
-  explicit BinaryFile(const std::string& path)
-      : path_(path), data_(ReadInputFile(path)) {}
+  // `path` is for messages, `data` is the content of the file.
+  BinaryFile(const std::string& path, std::string data)
+      : path_(path), data_(std::move(data)) {}
 
   // The entry that messages name from here on, e.g. "image" 2 of 5.
   void SetEntry(const char* kind, uint64_t idx, uint64_t num) {

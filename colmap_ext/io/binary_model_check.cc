@@ -5,6 +5,7 @@
 
 #include "colmap_ext/io/binary_file.h"
 #include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_check.h"
 
 namespace mfir {
@@ -17,8 +18,8 @@ const size_t kMaxNameLength = 4096;
 
 using Ids = std::unordered_set<uint64_t>;
 
-Ids CheckCameras(const std::string& path) {
-  BinaryFile file(path);
+Ids CheckCameras(const std::string& path, const std::string& copy) {
+  BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(4 + 4 + 8 + 8);
   for (uint64_t i = 0; i < num; ++i) {
@@ -44,8 +45,10 @@ Ids CheckCameras(const std::string& path) {
   return ids;
 }
 
-size_t CheckImages(const std::string& path, const Ids& camera_ids) {
-  BinaryFile file(path);
+size_t CheckImages(const std::string& path,
+                   const std::string& copy,
+                   const Ids& camera_ids) {
+  BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(4 + 7 * 8 + 4 + 1 + 8);
   for (uint64_t i = 0; i < num; ++i) {
@@ -84,8 +87,8 @@ size_t CheckImages(const std::string& path, const Ids& camera_ids) {
   return num;
 }
 
-void CheckPoints3D(const std::string& path) {
-  BinaryFile file(path);
+void CheckPoints3D(const std::string& path, const std::string& copy) {
+  BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(8 + 3 * 8 + 3 + 8 + 8);
   ids.reserve(num);
@@ -105,11 +108,12 @@ void CheckPoints3D(const std::string& path) {
 
 }  // namespace
 
-size_t CheckBinaryModel(const ModelFiles& files) {
-  const Ids camera_ids = CheckCameras(files.cameras);
-  const size_t num_images = CheckImages(files.images, camera_ids);
+size_t CheckBinaryModel(const ModelFiles& files, const ModelFiles& copies) {
+  const Ids camera_ids = CheckCameras(files.cameras, copies.cameras);
+  const size_t num_images =
+      CheckImages(files.images, copies.images, camera_ids);
   if (!files.points3D.empty()) {
-    CheckPoints3D(files.points3D);
+    CheckPoints3D(files.points3D, copies.points3D);
   }
   return num_images;
 }

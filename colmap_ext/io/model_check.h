@@ -24,9 +24,10 @@ struct ModelFiles {
 
 // Checks structure, identifiers and quaternions (which the reader normalizes).
 // Returns the number of images. Throws InputError naming file and entry, or
-// file and line ("images.txt:12: ...").
-size_t CheckBinaryModel(const ModelFiles& files);
-size_t CheckTextModel(const ModelFiles& files);
+// file and line ("images.txt:12: ..."). What is read are the `copies`, which
+// may be the files themselves.
+size_t CheckBinaryModel(const ModelFiles& files, const ModelFiles& copies);
+size_t CheckTextModel(const ModelFiles& files, const ModelFiles& copies);
 
 // What makes `coordinates` (world units) damage rather than a position or
 // translation; empty if nothing.

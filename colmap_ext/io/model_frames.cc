@@ -6,6 +6,7 @@
 #include <set>
 
 #include "colmap_ext/io/binary_file.h"
+#include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_io.h"
 #include "colmap_ext/io/text_file.h"
 #include "src/util/errors.h"
@@ -22,7 +23,7 @@ constexpr int32_t kCameraSensor = 0;
 
 ImageIdsOfFrames ReadBinaryFrames(const std::string& path) {
   constexpr size_t kSensorSize = 4 + 4 + 8;
-  BinaryFile file(path);
+  BinaryFile file(path, ReadInputFile(path));
   ImageIdsOfFrames frames;
   const uint64_t num = file.ReadCount(4 + 4 + 7 * 8 + 4);
   for (uint64_t i = 0; i < num; ++i) {

@@ -1,5 +1,8 @@
 #include "colmap_ext/io/model_io.h"
 
+#include <sys/mman.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <cstdlib>
@@ -7,7 +10,6 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
-#include <memory>
 #include <new>
 #include <optional>
 #include <system_error>
@@ -77,8 +79,9 @@ ModelFiles LocateModelFiles(const std::string& path, bool require_points) {
   return *files;
 }
 
-size_t CheckModelFiles(const ModelFiles& files) {
-  return files.is_binary ? CheckBinaryModel(files) : CheckTextModel(files);
+size_t CheckModelFiles(const ModelFiles& files, const ModelFiles& copies) {
+  return files.is_binary ? CheckBinaryModel(files, copies)
+                         : CheckTextModel(files, copies);
 }
 
 // Whether COLMAP's reader can take the files as they are. It reads nothing
@@ -90,50 +93,69 @@ bool IsReadable(const ModelFiles& files) {
           !HasByteOrderMark(files.points3D));
 }
 
-// A private folder with the same model such that COLMAP can read it. Removed
-// with the object.
-class ReadableModel {
+// The files as they are now: what is checked is what COLMAP reads, also if they
+// change meanwhile, in a form that it can read. They are held in memory, behind
+// links in a private folder that goes with the object.
+class ModelSnapshot {
  public:
-  explicit ReadableModel(const ModelFiles& files) {
+  explicit ModelSnapshot(const ModelFiles& files)
+      : path_(fs::path(files.cameras).parent_path()), files_(files) {
     try {
-      std::string path =
-          (fs::temp_directory_path() / "colmap_model_XXXXXX").string();
-      if (mkdtemp(path.data()) == nullptr) {
-        throw std::system_error(errno, std::generic_category(), path);
-      }
-      path_ = path;
-      for (const std::string& file :
-           {files.cameras, files.images, files.points3D}) {
-        if (!file.empty()) AddFile(file, files.is_binary);
-      }
-      if (files.points3D.empty()) AddEmptyPoints(files.is_binary);
+      MakeFolder();
+      files_.cameras = Add("cameras", files.cameras);
+      files_.images = Add("images", files.images);
+      files_.points3D = Add("points3D", files.points3D);
     } catch (const std::system_error& error) {
       Remove();
+      path_ = fs::path(files.cameras).parent_path();
+      files_ = files;
+      if (IsReadable(files)) return;
       throw OutputError(std::string("cannot make a temporary folder: ") +
                         error.what() +
                         ". Set TMPDIR to a folder that is writable.");
+    } catch (...) {
+      Remove();
+      throw;
     }
   }
-  ~ReadableModel() { Remove(); }
-  ReadableModel(const ReadableModel&) = delete;
-  ReadableModel& operator=(const ReadableModel&) = delete;
+  ~ModelSnapshot() { Remove(); }
+  ModelSnapshot(const ModelSnapshot&) = delete;
+  ModelSnapshot& operator=(const ModelSnapshot&) = delete;
 
   std::string Path() const { return path_.string(); }
+  const ModelFiles& Files() const { return files_; }
 
  private:
-  void AddFile(const fs::path& file, bool is_binary) const {
-    const fs::path copy = path_ / file.filename();
-    if (is_binary || !HasByteOrderMark(file.string())) {
-      fs::create_symlink(fs::absolute(file), copy);
-    } else {
-      Write(copy, ReadTextFile(file.string()));
+  void MakeFolder() {
+    std::string path =
+        (fs::temp_directory_path() / "colmap_model_XXXXXX").string();
+    if (mkdtemp(path.data()) == nullptr) {
+      throw std::system_error(errno, std::generic_category(), path);
     }
+    path_ = path;
+    is_temporary_ = true;
   }
 
-  void AddEmptyPoints(bool is_binary) const {
-    const std::string num_points3D(sizeof(uint64_t), '\0');
-    Write(path_ / (is_binary ? "points3D.bin" : "points3D.txt"),
-          is_binary ? num_points3D : "");
+  // A file of this name with the content of `source`; "": an empty one.
+  std::string Add(const std::string& name, const std::string& source) {
+    const int memory = memfd_create(name.c_str(), MFD_CLOEXEC);
+    if (memory < 0) {
+      throw std::system_error(errno, std::generic_category(), name);
+    }
+    memories_.push_back(memory);
+    const fs::path held = "/proc/self/fd/" + std::to_string(memory);
+    Write(held, Content(source));
+    const fs::path link = path_ / (name + (files_.is_binary ? ".bin" : ".txt"));
+    fs::create_symlink(held, link);
+    return link.string();
+  }
+
+  // COLMAP does not know byte order marks.
+  std::string Content(const std::string& source) const {
+    if (source.empty()) {
+      return std::string(files_.is_binary ? sizeof(uint64_t) : 0, '\0');
+    }
+    return files_.is_binary ? ReadInputFile(source) : ReadTextFile(source);
   }
 
   static void Write(const fs::path& path, const std::string& content) {
@@ -146,29 +168,27 @@ class ReadableModel {
   }
 
   void Remove() {
-    if (!path_.empty()) {
+    for (const int memory : memories_) close(memory);
+    memories_.clear();
+    if (is_temporary_) {
       std::error_code error;
       fs::remove_all(path_, error);
     }
+    is_temporary_ = false;
   }
 
   fs::path path_;
+  ModelFiles files_;
+  bool is_temporary_ = false;
+  std::vector<int> memories_;
 };
 
 void ReadWithColmap(const std::string& path,
-                    const ModelFiles& files,
+                    const ModelSnapshot& snapshot,
                     host::Reconstruction* reconstruction) {
-  const auto read = [&](const std::string& folder) {
-    host::ReadReconstruction(folder, files.is_binary, reconstruction);
-  };
   try {
-    if (IsReadable(files)) {
-      read(path);
-    } else {
-      read(ReadableModel(files).Path());
-    }
-  } catch (const Error&) {
-    throw;
+    host::ReadReconstruction(
+        snapshot.Path(), snapshot.Files().is_binary, reconstruction);
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
@@ -187,10 +207,33 @@ void ForgetPoints(host::Reconstruction* reconstruction) {
   }
 }
 
-bool EndsWithLineBreak(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  return file && file.tellg() > 0 && file.seekg(-1, std::ios::end) &&
-         file.get() == '\n';
+// Makes the folder and the files, empty, that COLMAP's writer then finds there:
+// where it cannot make one it ends the program.
+void MakeModelFiles(const fs::path& folder, const std::string& extension) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) {
+    throw OutputError(folder.string() +
+                      ": cannot make the folder: " + error.message() + ".");
+  }
+  for (const char* name : {"cameras", "images", "points3D"}) {
+    if (!std::ofstream(folder / (name + extension))) {
+      throw OutputError((folder / (name + extension)).string() +
+                        ": cannot write the file. Is the disk full?");
+    }
+  }
+}
+
+// Whole lines that are no comments. Those without observations are empty.
+size_t CountLines(const fs::path& path) {
+  const std::string text = ReadInputFile(path.string());
+  size_t count = 0;
+  size_t begin = 0;
+  for (size_t end; (end = text.find('\n', begin)) != std::string::npos;) {
+    if (text[begin] != '#') ++count;
+    begin = end + 1;
+  }
+  return begin == text.size() ? count : 0;
 }
 
 // Sub-folders of `path` whose names are numbers, in the order of the numbers.
@@ -253,7 +296,7 @@ std::string FindSparseModel(const std::string& frame_path) {
     ModelFiles files =
         LocateModelFiles(folder.string(), /*require_points=*/false);
     files.points3D.clear();  // only images count here
-    const size_t num_images = CheckModelFiles(files);
+    const size_t num_images = CheckModelFiles(files, files);
     if (best_folder.empty() || num_images > max_num_images) {
       best_folder = folder.string();
       max_num_images = num_images;
@@ -266,9 +309,12 @@ void ReadModel(const std::string& path,
                bool require_points,
                host::Reconstruction* reconstruction) {
   const ModelFiles files = LocateModelFiles(path, require_points);
-  CheckModelFiles(files);
   host::Reconstruction model;
-  ReadWithColmap(path, files, &model);
+  {
+    const ModelSnapshot snapshot(files);
+    CheckModelFiles(files, snapshot.Files());
+    ReadWithColmap(path, snapshot, &model);
+  }
   if (!require_points && model.NumPoints3D() == 0) {
     ForgetPoints(&model);
   }
@@ -298,27 +344,30 @@ void WriteModel(const std::string& path,
                 bool with_text,
                 const host::Reconstruction& reconstruction) {
   const fs::path folder = path;
-  std::error_code error;
-  fs::create_directories(folder, error);
-  if (error) {
-    throw OutputError(path + ": cannot make the folder: " + error.message() +
-                      ".");
-  }
+  MakeModelFiles(folder, ".bin");
   reconstruction.WriteBinary(path);
-  if (with_text) {
-    reconstruction.WriteText(path);
-  }
+  const ModelFiles files = {true,
+                            (folder / "cameras.bin").string(),
+                            (folder / "images.bin").string(),
+                            (folder / "points3D.bin").string()};
   try {
-    CheckBinaryModel({true,
-                      (folder / "cameras.bin").string(),
-                      (folder / "images.bin").string(),
-                      (folder / "points3D.bin").string()});
+    CheckBinaryModel(files, files);
   } catch (const InputError& error) {
     throw OutputError("The model just written to " + path +
                       " is not complete: " + error.what() +
                       " Is the disk full?");
   }
-  if (with_text && !EndsWithLineBreak(folder / "images.txt")) {
+  if (with_text) WriteTextModel(path, reconstruction);
+}
+
+void WriteTextModel(const std::string& path,
+                    const host::Reconstruction& reconstruction) {
+  const fs::path folder = path;
+  MakeModelFiles(folder, ".txt");
+  reconstruction.WriteText(path);
+  if (CountLines(folder / "cameras.txt") != reconstruction.NumCameras() ||
+      CountLines(folder / "images.txt") != 2 * reconstruction.NumRegImages() ||
+      CountLines(folder / "points3D.txt") != reconstruction.NumPoints3D()) {
     throw OutputError("The model just written to " + path +
                       " is not complete. Is the disk full?");
   }

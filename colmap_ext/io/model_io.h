@@ -28,9 +28,11 @@ std::string FindSparseModel(const std::string& frame_path);
 // `require_points`: points3D must exist too. Otherwise it may be missing or
 // empty; observations are then of no point.
 //
-// Text files may begin with a byte order mark. Throws OutputError if no
-// temporary folder (TMPDIR) can be made for COLMAP's reader, where it needs
-// one: it can neither do without points3D nor take a byte order mark. Throws
+// Files that change meanwhile are read as they were at one instant each. Text
+// files may begin with a byte order mark. COLMAP's reader gets a copy (links in
+// a folder of TMPDIR to memory); where that cannot be made it reads the files
+// themselves, or, since it can neither do without points3D nor take a byte
+// order mark, OutputError is thrown. Throws
 // InputError, naming the file, what is wrong where and what to do, for
 // everything that COLMAP's reader would crash, hang or stay silent on: missing
 // or truncated files, counts beyond the file size, trailing bytes, unknown
@@ -57,5 +59,9 @@ void AddPosedImage(host::image_t image_id,
 void WriteModel(const std::string& path,
                 bool with_text,
                 const host::Reconstruction& reconstruction);
+
+// The same for a text model alone.
+void WriteTextModel(const std::string& path,
+                    const host::Reconstruction& reconstruction);
 
 }  // namespace mfir

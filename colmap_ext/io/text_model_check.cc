@@ -32,12 +32,12 @@ void ReadNewId(TextFile* file, const char* field, Ids* ids) {
   }
 }
 
-TextFile OpenModelFile(const std::string& path) {
-  return TextFile(path, ReadTextFile(path), TextFile::Spacing::kOneSpace);
+TextFile OpenModelFile(const std::string& path, const std::string& copy) {
+  return TextFile(path, ReadTextFile(copy), TextFile::Spacing::kOneSpace);
 }
 
-Ids CheckCameras(const std::string& path) {
-  TextFile file = OpenModelFile(path);
+Ids CheckCameras(const std::string& path, const std::string& copy) {
+  TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
     ReadNewId<uint32_t>(&file, "CAMERA_ID", &ids);
@@ -97,8 +97,10 @@ void CheckObservationLine(TextFile* file) {
   }
 }
 
-size_t CheckImages(const std::string& path, const Ids& camera_ids) {
-  TextFile file = OpenModelFile(path);
+size_t CheckImages(const std::string& path,
+                   const std::string& copy,
+                   const Ids& camera_ids) {
+  TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
     CheckImageLine(&file, camera_ids, &ids);
@@ -112,8 +114,8 @@ size_t CheckImages(const std::string& path, const Ids& camera_ids) {
   return ids.size();
 }
 
-void CheckPoints3D(const std::string& path) {
-  TextFile file = OpenModelFile(path);
+void CheckPoints3D(const std::string& path, const std::string& copy) {
+  TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
     ReadNewId<int64_t>(&file, "POINT3D_ID", &ids);
@@ -134,11 +136,12 @@ void CheckPoints3D(const std::string& path) {
 
 }  // namespace
 
-size_t CheckTextModel(const ModelFiles& files) {
-  const Ids camera_ids = CheckCameras(files.cameras);
-  const size_t num_images = CheckImages(files.images, camera_ids);
+size_t CheckTextModel(const ModelFiles& files, const ModelFiles& copies) {
+  const Ids camera_ids = CheckCameras(files.cameras, copies.cameras);
+  const size_t num_images =
+      CheckImages(files.images, copies.images, camera_ids);
   if (!files.points3D.empty()) {
-    CheckPoints3D(files.points3D);
+    CheckPoints3D(files.points3D, copies.points3D);
   }
   return num_images;
 }

@@ -311,7 +311,40 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
       filtered.push_back(arguments[i]);
     }
   }
+  CheckValues(filtered);
   host::ParseOptions(filtered, &manager);
+}
+
+// COLMAP ends the program at a value that is not of the option's type.
+void OptionParser::CheckValues(
+    const std::vector<std::string>& arguments) const {
+  po::options_description description;
+  description.add_options()("random_seed", po::value<unsigned>())(
+      "log_to_stderr", po::value<bool>())("log_level", po::value<int>());
+  for (const Option& option : options_) {
+    const nlohmann::ordered_json value = option.json();
+    const char* const name = option.name.c_str();
+    if (value.is_boolean()) {
+      description.add_options()(name, po::value<bool>());
+    } else if (value.is_number_integer()) {
+      description.add_options()(name, po::value<int>());
+    } else if (value.is_number()) {
+      description.add_options()(name, po::value<double>());
+    } else {
+      description.add_options()(name, po::value<std::string>());
+    }
+  }
+  try {
+    po::variables_map map;
+    po::store(po::command_line_parser(arguments)
+                  .options(description)
+                  .allow_unregistered()
+                  .run(),
+              map);
+  } catch (const po::error& error) {
+    throw UsageError(std::string("Failed to parse options - ") + error.what() +
+                     ". See --help.");
+  }
 }
 
 // OptionManager accepts any unambiguous beginning of a name; a typo must not

@@ -78,6 +78,7 @@ class OptionParser {
   void ParsePass(const std::vector<std::string>& arguments) const;
   std::vector<std::string> ReadIni(const std::string& path) const;
   void CheckName(const std::string& argument) const;
+  void CheckValues(const std::vector<std::string>& arguments) const;
   void CheckForeignKey(const std::string& key, const std::string& where) const;
   std::string DidYouMean(const std::string& name) const;
   const Option* Find(const std::string& name) const;

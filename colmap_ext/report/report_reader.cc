@@ -96,6 +96,22 @@ void AddScenePoints(const host::Reconstruction& frame, Report* report) {
   }
 }
 
+// The folder in `frames_path` of a frame by its name in the summary, where
+// characters that are no UTF-8 have been replaced.
+std::string FrameFolder(const fs::path& frames_path, const std::string& name) {
+  const fs::path folder = frames_path / name;
+  std::error_code error;
+  if (fs::exists(folder, error)) return folder.string();
+  for (fs::directory_iterator it(frames_path, error), end; !error && it != end;
+       it.increment(error)) {
+    const Json written =
+        Json::parse(Json(it->path().filename().string())
+                        .dump(-1, ' ', false, Json::error_handler_t::replace));
+    if (written == name) return it->path().string();
+  }
+  return folder.string();
+}
+
 void ReadFrames(const std::string& path, Report* report) {
   for (const Json& frame : report->summary["frames"]) {
     if (TextAt(frame, "/status") == "used") {
@@ -105,7 +121,7 @@ void ReadFrames(const std::string& path, Report* report) {
   report->matrix.resize(report->frame_names.size() * report->cameras.size());
   for (size_t f = 0; f < report->frame_names.size(); ++f) {
     const std::string frame_path =
-        (fs::path(path) / "frames" / report->frame_names[f]).string();
+        FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
     host::Reconstruction frame;
     ReadModel(frame_path, /*require_points=*/true, &frame);
     AddObservations(frame_path, f, frame, report);

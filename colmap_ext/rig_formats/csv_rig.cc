@@ -132,12 +132,13 @@ Cameras ReadCsvRig(const std::string& path,
         file.Where(path) + ": camera " + camera.image_name;
     const Eigen::Vector3d rotation(
         file.Number("rx"), file.Number("ry"), file.Number("rz"));
+    const Eigen::Vector3d center(
+        file.Number("tx"), file.Number("ty"), file.Number("tz"));
     Eigen::Matrix<double, 3, 4> world_from_cam;
     world_from_cam << Eigen::AngleAxisd(rotation.norm(),
                                         rotation.stableNormalized())
                           .toRotationMatrix(),
-        Eigen::Vector3d(
-            file.Number("tx"), file.Number("ty"), file.Number("tz"));
+        center;
     SetPoseFromWorldFromCam(world_from_cam, where, &camera);
     camera.width = file.ImageSize("w");
     camera.height = file.ImageSize("h");

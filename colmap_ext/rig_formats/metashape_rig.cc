@@ -188,8 +188,10 @@ class MetashapeFile {
     const pugi::xml_parse_result result =
         document_.load_buffer(text.data(), text.size());
     if (!result) {
-      const auto line =
-          1 + std::count(text.begin(), text.begin() + result.offset, '\n');
+      // It can lie behind the end.
+      const auto end =
+          std::min(static_cast<size_t>(result.offset), text.size());
+      const auto line = 1 + std::count(text.begin(), text.begin() + end, '\n');
       throw InputError(path + ":" + std::to_string(line) +
                        ": not valid XML: " + result.description() +
                        ". Correct the line, or export the file again.");

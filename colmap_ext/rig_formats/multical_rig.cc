@@ -21,7 +21,10 @@ struct RelativePose {
 
 Rigid3 ReadTransform(const JsonValue& json) {
   Eigen::Matrix<double, 3, 4> matrix;
-  matrix << json.At("R").Matrix<3, 3>(), json.At("T").Matrix<3, 1>();
+  // Before, since they may throw.
+  const Eigen::Matrix3d R = json.At("R").Matrix<3, 3>();
+  const Eigen::Vector3d T = json.At("T").Matrix<3, 1>();
+  matrix << R, T;
   KnownCamera camera;
   SetPose(matrix, json.Where(), &camera);
   return camera.cam_from_world;

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <optional>
 #include <sstream>
+#include <stdexcept>
 #include <system_error>
 
 #include <Eigen/Geometry>
@@ -194,6 +195,10 @@ void ReadIntrinsics(const OpenCVFile& file,
       K, distortion, pixel_offset, file.Path() + ": camera " + name, camera);
   camera->width = file.ImageSize("W_", name);
   camera->height = file.ImageSize("H_", name);
+  // One alone says nothing.
+  if (camera->width == 0 || camera->height == 0) {
+    camera->width = camera->height = 0;
+  }
 }
 
 bool IsYamlFile(const fs::path& path) {
@@ -288,6 +293,11 @@ Cameras ReadOpenCVRig(const std::string& path,
   const QuietOpenCV quiet_opencv;
   const auto [extrinsics_path, intrinsics_path] = FindFiles(path);
   fs::path current_path = extrinsics_path;
+  const auto unreadable = [&current_path](const std::string& why) {
+    return InputError(current_path.string() +
+                      ": not a file in OpenCV's YAML (" + why +
+                      "). It must begin with %YAML:1.0.");
+  };
   try {
     const OpenCVFile extrinsics(extrinsics_path.string());
     std::optional<OpenCVFile> intrinsics;
@@ -306,8 +316,10 @@ Cameras ReadOpenCVRig(const std::string& path,
     }
     return cameras;
   } catch (const cv::Exception& error) {
-    throw InputError(current_path.string() + ": not a file in OpenCV's YAML (" +
-                     error.err + "). It must begin with %YAML:1.0.");
+    throw unreadable(error.err);
+  } catch (const std::logic_error& error) {
+    // Of its parser, at text that it does not expect.
+    throw unreadable(error.what());
   }
 }
 

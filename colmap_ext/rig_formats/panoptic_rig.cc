@@ -14,7 +14,10 @@ KnownCamera ReadCamera(const JsonValue& json, double pixel_offset) {
   camera.image_name = json.At("name").Text();
   const std::string where = json.Where() + ": camera " + camera.image_name;
   Eigen::Matrix<double, 3, 4> pose;
-  pose << json.At("R").Matrix<3, 3>(), json.At("t").Matrix<3, 1>();
+  // Before, since they may throw.
+  const Eigen::Matrix3d R = json.At("R").Matrix<3, 3>();
+  const Eigen::Vector3d t = json.At("t").Matrix<3, 1>();
+  pose << R, t;
   SetPose(pose, where, &camera);
   const auto distortion = json.Find("distCoef");
   SetIntrinsics(json.At("K").Matrix<3, 3>(),

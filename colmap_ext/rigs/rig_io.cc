@@ -5,8 +5,10 @@
 #include <filesystem>
 
 #include "colmap_ext/host/reconstruction.h"
+#include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/rigs/rig_images.h"
 #include "src/util/errors.h"
+#include "src/util/interruption.h"
 #include "src/util/parse_number.h"
 
 namespace mfir {
@@ -49,16 +51,16 @@ std::vector<KnownCamera> NamedCameras(const std::string& path,
 }
 
 // Moves what was written into place, file by file if it is a folder.
-void Publish(const fs::path& temporary, const fs::path& path) {
-  if (!fs::is_directory(temporary)) {
-    fs::rename(temporary, path);
+void Publish(const fs::path& written, const fs::path& path) {
+  const SignalDelay delay;
+  if (!fs::is_directory(written)) {
+    fs::rename(written, path);
     return;
   }
   fs::create_directories(path);
-  for (const auto& entry : fs::directory_iterator(temporary)) {
+  for (const auto& entry : fs::directory_iterator(written)) {
     fs::rename(entry.path(), path / entry.path().filename());
   }
-  fs::remove_all(temporary);
 }
 
 }  // namespace
@@ -108,19 +110,15 @@ void CheckPixelOffset(const std::string& option, double pixel_offset) {
 RigRemarks WriteRig(const std::string& path,
                     const RigFormat& format,
                     const std::vector<KnownCamera>& cameras) {
-  const std::string temporary =
-      fs::path(path + "/").parent_path().string() + ".unfinished";
+  const fs::path result = fs::path(path + "/").parent_path();
   RigRemarks remarks;
   try {
-    fs::remove_all(temporary);
-    format.write(temporary, cameras, format.pixel_offset, &remarks);
-    Publish(temporary, path);
+    const WorkFolder folder(WorkFolder::Beside(result));
+    const fs::path written = folder.Path() / "rig";
+    format.write(written.string(), cameras, format.pixel_offset, &remarks);
+    Publish(written, result);
   } catch (const fs::filesystem_error& error) {
     throw OutputError(path + ": cannot write: " + error.what() + ".");
-  } catch (...) {
-    std::error_code ignored;
-    fs::remove_all(temporary, ignored);
-    throw;
   }
   return remarks;
 }

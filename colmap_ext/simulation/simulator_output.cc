@@ -9,6 +9,7 @@
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/model_io.h"
+#include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "src/util/errors.h"
@@ -38,8 +39,7 @@ void WriteRig(const std::vector<RigCamera>& cameras, const fs::path& path) {
     const auto id = static_cast<host::image_t>(i + 1);
     AddPosedImage(id, cameras[i].name + ".png", id, cameras[i], &model);
   }
-  fs::create_directories(path);
-  model.WriteText(path.string());
+  WriteTextModel(path.string(), model);
 }
 
 bool CanKRTHold(const std::string& model_name) {
@@ -89,11 +89,9 @@ void WriteFrame(const SimulatedCapture& capture,
                 const fs::path& path) {
   const SimulatedFrame& frame = capture.frames[frame_idx];
   const fs::path sfm_path = path / "frames" / frame.name / "sparse" / "0";
-  fs::create_directories(sfm_path);
-  frame.sfm_model.WriteBinary(sfm_path.string());
+  WriteModel(sfm_path.string(), /*with_text=*/false, frame.sfm_model);
   const fs::path true_path = path / "ground_truth_frames" / frame.name;
-  fs::create_directories(true_path);
-  frame.true_model.WriteBinary(true_path.string());
+  WriteModel(true_path.string(), /*with_text=*/false, frame.true_model);
 
   if (capture.options.render_images) {
     const fs::path image_path = path / "images" / frame.name;
@@ -221,25 +219,23 @@ void WriteSimulatedCapture(
   if (!path.has_filename()) {
     path = path.parent_path();
   }
-  const fs::path partial_path = path.string() + ".mfir_partial";
-  const fs::path old_path = path.string() + ".mfir_old";
   try {
     CheckSimulatorOutput(capture.options, path.string());
-    fs::remove_all(partial_path);  // of a killed run
-    const ScopedTemporaryPath removed_at_end(partial_path);
+    fs::create_directories(path.parent_path());
+    const WorkFolder folder(WorkFolder::Beside(path));
+    const fs::path partial_path = folder.Path() / "capture";
     WriteAll(capture, partial_path);
     if (write_more) {
       write_more(partial_path.string());
     }
     CheckDiskSpace(partial_path);
-    // The old capture goes only when the new one is complete.
+    // The old capture goes, with the work folder, only when the new one is
+    // complete.
     const SignalDelay delay;
-    fs::remove_all(old_path);
     if (fs::exists(path)) {
-      fs::rename(path, old_path);
+      fs::rename(path, folder.Path() / "old");
     }
     fs::rename(partial_path, path);
-    fs::remove_all(old_path);
   } catch (const fs::filesystem_error& error) {
     throw OutputError(output_path + ": cannot be written (" +
                       error.code().message() + ").");

@@ -5,18 +5,28 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
+#include <exception>
 #include <fstream>
+#include <memory>
+#include <new>
 #include <system_error>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "src/util/errors.h"
+
 namespace mfir {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr char kOutOfMemory[] =
+    "ERROR: Out of memory. Select fewer frames with --frame_list_path.\n";
 
 struct State {
   // Held while a result is published, and from a signal to the end.
@@ -24,6 +34,10 @@ struct State {
   std::mutex paths_mutex;
   std::vector<fs::path> paths;
   std::atomic<bool> interrupted{false};
+  std::atomic<bool> running{false};
+  std::atomic<bool> given_up{false};
+  // For what is done where there is no memory left.
+  std::unique_ptr<std::array<char, 1 << 20>> reserve;
 };
 
 // Never destroyed: the signal thread outlives main.
@@ -48,25 +62,73 @@ void Print(const std::string& line) {
   static_cast<void>(ignored);
 }
 
-[[noreturn]] void WaitForSignal(const sigset_t& signals) {
-  int signal = 0;
-  while (sigwait(&signals, &signal) != 0) {
-  }
+[[noreturn]] void WaitForEver() {
+  while (true) std::this_thread::sleep_for(std::chrono::hours(1));
+}
+
+// Both mutexes are held, for good: nothing is published or begun any more.
+[[noreturn]] void EndProcess(const std::string& line, int exit_code) {
   State& state = GetState();
-  // Both for good: nothing is published or begun any more.
-  state.publication.lock();
-  state.paths_mutex.lock();
   state.interrupted = true;
   for (const fs::path& path : state.paths) RemoveAtOnce(path);
   for (const fs::path& path : state.paths) {
     std::error_code ignored;
     fs::remove_all(path, ignored);
   }
-  Print(std::string("Interrupted by ") +
-        (signal == SIGINT ? "SIGINT" : "SIGTERM") +
-        ": results that were complete are kept, the unfinished one is "
-        "removed.\n");
-  _exit(128 + signal);
+  Print(line);
+  _exit(exit_code);
+}
+
+[[noreturn]] void WaitForSignal(const sigset_t& signals) {
+  int signal = 0;
+  while (sigwait(&signals, &signal) != 0) {
+  }
+  State& state = GetState();
+  state.publication.lock();
+  state.paths_mutex.lock();
+  EndProcess(std::string("Interrupted by ") +
+                 (signal == SIGINT ? "SIGINT" : "SIGTERM") +
+                 ": results that were complete are kept, the unfinished one "
+                 "is removed.\n",
+             128 + signal);
+}
+
+// The same from a thread that may hold the mutexes itself, or have no memory.
+[[noreturn]] void GiveUp(const char* line, int exit_code) {
+  State& state = GetState();
+  if (state.given_up.exchange(true)) WaitForEver();
+  state.reserve.reset();
+  for (int i = 0; i < 100; ++i) {
+    if (std::try_lock(state.publication, state.paths_mutex) < 0) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  EndProcess(line, exit_code);
+}
+
+[[noreturn]] void EndAtUncaughtException() {
+  try {
+    const std::exception_ptr exception = std::current_exception();
+    if (exception) std::rethrow_exception(exception);
+  } catch (const std::bad_alloc&) {
+    GiveUp(kOutOfMemory, kExitSolver);
+  } catch (const std::system_error& error) {
+    if (error.code() == std::errc::resource_unavailable_try_again) {
+      GiveUp(kOutOfMemory, kExitSolver);
+    }
+  } catch (...) {
+  }
+  GiveUp("ERROR: Unexpected failure in a library.\n", kExitSolver);
+}
+
+// Without temporary paths nothing is being written: it is a call of --help,
+// say.
+void EndAtExit(int status, void*) {
+  const State& state = GetState();
+  if (!state.running || status == 0 || state.paths.empty()) return;
+  GiveUp(
+      "ERROR: COLMAP cannot go on, the line before says why. Is the disk "
+      "full?\n",
+      kExitOutput);
 }
 
 }  // namespace
@@ -97,6 +159,19 @@ void WaitIfInterrupted() {
     std::this_thread::sleep_for(std::chrono::seconds(1));
   }
 }
+
+CleanFailures::CleanFailures() {
+  static const bool installed = [] {
+    on_exit(&EndAtExit, nullptr);
+    std::set_terminate(&EndAtUncaughtException);
+    return true;
+  }();
+  static_cast<void>(installed);
+  GetState().reserve = std::make_unique<std::array<char, 1 << 20>>();
+  GetState().running = true;
+}
+
+CleanFailures::~CleanFailures() { GetState().running = false; }
 
 ScopedTemporaryPath::ScopedTemporaryPath(fs::path path)
     : path_(std::move(path)) {

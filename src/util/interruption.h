@@ -1,5 +1,5 @@
-// Ctrl-C and SIGTERM: the process ends at once, but leaves nothing behind that
-// is half done.
+// Ctrl-C, SIGTERM and libraries that give up: the process ends at once, but
+// leaves nothing behind that is half done.
 
 #pragma once
 
@@ -17,6 +17,18 @@ void EndCleanlyAtSignals();
 // Does not return if such a signal has come: what fails now fails because of
 // it.
 void WaitIfInterrupted();
+
+// While one lives, what libraries end the process with does so as a signal: an
+// exception that nobody catches (of one of their threads) with exit code 3, a
+// call of exit with exit code 4, since they are COLMAP's for databases that
+// cannot be written. One at a time.
+class CleanFailures {
+ public:
+  CleanFailures();
+  ~CleanFailures();
+  CleanFailures(const CleanFailures&) = delete;
+  CleanFailures& operator=(const CleanFailures&) = delete;
+};
 
 // A file or folder, with what is in it, that goes when the object goes or when
 // a signal ends the process.

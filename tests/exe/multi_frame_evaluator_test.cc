@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/exe/command.h"
+#include "colmap_ext/io/work_folder.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -91,7 +92,7 @@ TEST_F(MultiFrameEvaluator, Model) {
   EXPECT_TRUE(result["focal_abs"]["max"].is_null());
   EXPECT_EQ(result["cameras"].size(), 2);
   EXPECT_EQ(result["cameras"][0]["name"], "cam1");
-  EXPECT_FALSE(fs::exists(Path("evaluation.json.tmp")));
+  EXPECT_FALSE(fs::exists(WorkFolder::Beside(Path("evaluation.json"))));
 }
 
 TEST_F(MultiFrameEvaluator, Result) {
@@ -248,7 +249,7 @@ TEST_F(MultiFrameEvaluator, UnwritableOutput) {
   EXPECT_EQ(run_with_output(Path("no_folder/evaluation.json")), kExitOutput);
   // A folder of this name exists.
   EXPECT_EQ(run_with_output(Path("truth")), kExitOutput);
-  EXPECT_FALSE(fs::exists(Path("truth.tmp")));
+  EXPECT_FALSE(fs::exists(WorkFolder::Beside(Path("truth"))));
   EXPECT_TRUE(fs::exists(Path("truth/cameras.txt")));
 }
 

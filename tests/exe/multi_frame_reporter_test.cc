@@ -1,5 +1,6 @@
 // multi_frame_reporter and the report of every refinement.
 
+#include "colmap_ext/io/work_folder.h"
 #include "src/report/html.h"
 #include "tests/support/browser.h"
 #include "tests/support/refiner_runner.h"
@@ -84,7 +85,7 @@ TEST_F(ReporterTest, WritesTheSamePageAgain) {
   // Over an earlier one.
   ASSERT_EQ(Report({"--input_path", Path("reference")}).exit_code,
             kExitSuccess);
-  EXPECT_FALSE(fs::exists(Path("reference/report.html.tmp")));
+  EXPECT_FALSE(fs::exists(WorkFolder::Beside(Path("reference/report.html"))));
 }
 
 TEST_F(ReporterTest, PageIsGoodInABrowser) {

@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/rig_examples.h"
 #include "tests/support/test_files.h"
@@ -229,7 +230,7 @@ TEST(RigFormats, WhatAFormatNeedsIsAnError) {
         [&]() { WriteRig(folder / "rig", FindRigFormat("", format), cameras); },
         {"'cam01'", "image size", "--image_path"});
     EXPECT_FALSE(std::filesystem::exists(folder / "rig"));
-    EXPECT_FALSE(std::filesystem::exists(folder / "rig.unfinished"));
+    EXPECT_FALSE(std::filesystem::exists(WorkFolder::Beside(folder / "rig")));
   }
   cameras[1].model = nullptr;
   ExpectInputError(

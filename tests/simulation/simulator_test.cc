@@ -12,6 +12,7 @@
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/work_folder.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -88,7 +89,7 @@ TEST_F(SimulatorTest, WrittenModelsAreWhatWasSimulated) {
   const SimulatedCapture capture = SimulateCapture(SmallOptions());
   const fs::path path = folder_ / "capture/";
   WriteSimulatedCapture(capture, path.string());
-  EXPECT_FALSE(fs::exists(folder_ / "capture.mfir_partial"));
+  EXPECT_FALSE(fs::exists(WorkFolder::Beside(folder_ / "capture")));
   host::Reconstruction truth;
   host::ReadReconstruction(
       (path / "ground_truth").string(), /*is_binary=*/false, &truth);

@@ -1,8 +1,24 @@
 #include "colmap_ext/host/database.h"
 
+#include <sqlite3.h>
+
+#include "src/util/errors.h"
+
 namespace mfir::host {
 
 std::shared_ptr<Database> OpenDatabase(const std::filesystem::path& path) {
+  // COLMAP ends the program where SQLite cannot open the file: the disk is
+  // full, say, or the path has more than 512 bytes.
+  sqlite3* database = nullptr;
+  const int result = sqlite3_open_v2(path.c_str(),
+                                     &database,
+                                     SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE,
+                                     nullptr);
+  sqlite3_close(database);
+  if (result != SQLITE_OK) {
+    throw OutputError(path.string() + ": cannot make the database: " +
+                      sqlite3_errstr(result) + ".");
+  }
   return std::make_shared<Database>(path.string());
 }
 
