@@ -17,7 +17,7 @@ PACKAGES=(
   libboost-graph-dev libboost-program-options-dev
   libboost-regex-dev libboost-system-dev libceres-dev libeigen3-dev
   libgl-dev libglew-dev libgoogle-glog-dev libgtest-dev
-  libmetis-dev libopencv-core-dev libopencv-dnn-dev
+  libmetis-dev libminizip-dev libopencv-core-dev libopencv-dnn-dev
   libopencv-imgcodecs-dev libopencv-videoio-dev libpugixml-dev libsqlite3-dev
   libssl-dev libyaml-cpp-dev nlohmann-json3-dev
 )

@@ -11,6 +11,9 @@ namespace mfir {
 // with 130 and 143 (src/util/interruption.h).
 int RunCommand(const std::function<void()>& body);
 
+// In FRAMES: the frames that the triangulator has taken by max_num_frames.
+constexpr const char* kFrameListName = "frame_list.txt";
+
 int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);
 int RunMultiFrameEvaluator(int argc, char** argv);

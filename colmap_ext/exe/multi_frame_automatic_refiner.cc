@@ -249,6 +249,16 @@ int Run(int argc, char** argv) {
                           first);
   if (exit_code != kExitSuccess) return exit_code;
   std::vector<Argument> second = arguments;
+  const fs::path frame_list = fs::path(frames) / kFrameListName;
+  if (fs::exists(frame_list)) {
+    second.erase(std::remove_if(second.begin(),
+                                second.end(),
+                                [](const Argument& argument) {
+                                  return argument.name == "frame_list_path";
+                                }),
+                 second.end());
+    second.push_back({"frame_list_path", frame_list.string()});
+  }
   second.push_back({"input_path", frames});
   second.push_back({"output_path", refined});
   exit_code = RunStep("2 of 2: refinement",

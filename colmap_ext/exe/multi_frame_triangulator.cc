@@ -273,6 +273,26 @@ void CreateOutputFolder(const std::string& path) {
   }
 }
 
+// What max_num_frames has chosen, for --frame_list_path. Frames of an earlier
+// run may lie beside them.
+void WriteFrameList(const TriangulatorOptions& options,
+                    const std::vector<InputFrame>& frames) {
+  const fs::path path = fs::path(options.output_path) / kFrameListName;
+  if (options.max_num_frames == 0) {
+    std::error_code ignored;
+    fs::remove(path, ignored);
+    return;
+  }
+  std::ofstream file(path);
+  for (const InputFrame& frame : frames) {
+    if (frame.failure.empty()) file << frame.name << "\n";
+  }
+  file.close();
+  if (!file) {
+    throw OutputError(path.string() + ": cannot write. Is the disk full?");
+  }
+}
+
 // What failed goes to stderr also when the progress is not shown.
 void ReportFailures(const std::vector<InputFrame>& frames) {
   const InputFrame* first_failed = nullptr;
@@ -324,6 +344,7 @@ int RunMultiFrameTriangulator(int argc, char** argv) {
                 << " pairs of cameras overlap" << std::endl;
     }
     ProcessFrames(options, &inputs);
+    WriteFrameList(options, inputs.frames);
     ReportFailures(inputs.frames);
   });
 }

@@ -152,6 +152,9 @@ void AddMultiFrameOptions(MultiFrameOptions* options, OptionParser* parser) {
       &options->frame_name_regex,
       "One capture group: the frame's name within an image name, where one "
       "model holds many frames");
+  add("max_num_frames",
+      &options->max_num_frames,
+      "Use so many frames, spread evenly over the capture; 0: all");
   parser->BeginGroup("Dense features");
   AddDenseFeatureOptions(options, parser);
   parser->BeginGroup("Computer and output");

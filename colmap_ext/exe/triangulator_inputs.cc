@@ -16,6 +16,7 @@
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/rigs/rig_scaling.h"
+#include "src/scene/frame_choice.h"
 #include "src/scene/view_overlap.h"
 #include "src/sensor/image_name.h"
 #include "src/sensor/unmatched_names.h"
@@ -113,6 +114,25 @@ void LogMasks(const TriangulatorOptions& options,
   }
 }
 
+// Those of max_num_frames, said in the log.
+template <typename Frames, typename NameOf>
+Frames Choose(const TriangulatorOptions& options,
+              Frames frames,
+              const NameOf& name_of) {
+  const size_t num_frames = frames.size();
+  Frames chosen;
+  std::string names;
+  for (const size_t idx : ChooseFrames(num_frames, options.max_num_frames)) {
+    chosen.push_back(std::move(frames[idx]));
+    names += " " + name_of(chosen.back());
+  }
+  if (chosen.size() < num_frames && !options.quiet) {
+    std::cout << chosen.size() << " of " << num_frames
+              << " frames are taken (max_num_frames):" << names << std::endl;
+  }
+  return chosen;
+}
+
 // The frames of videos, decoded to the output.
 CaptureImages FindVideoFrames(const TriangulatorOptions& options,
                               const CameraNaming& naming,
@@ -120,7 +140,9 @@ CaptureImages FindVideoFrames(const TriangulatorOptions& options,
   const std::vector<CaptureVideo> videos = FindCaptureVideos(
       options.image_path, rig_cameras, naming, options.video_offset_list_path);
   const std::vector<std::string> frames =
-      ListVideoFrames(videos, options.frame_list_path);
+      Choose(options,
+             ListVideoFrames(videos, options.frame_list_path),
+             [](const std::string& name) { return name; });
   const auto log = [&options](const std::string& line) {
     if (!options.quiet) std::cout << line << std::endl;
   };
@@ -143,14 +165,13 @@ std::vector<InputFrame> FindFrames(const TriangulatorOptions& options,
                                    ImageOfName* image_of_unknown_name) {
   std::vector<std::string> names;
   for (const KnownCamera& camera : rig.cameras) names.push_back(camera.name);
-  const CaptureImages images =
-      HasVideosOnly(options.image_path)
-          ? FindVideoFrames(options, naming, names)
-          : FindCaptureImages(options.image_path,
-                              options.frame_list_path,
-                              names,
-                              naming,
-                              options.frame_name_regex);
+  CaptureImages images = HasVideosOnly(options.image_path)
+                             ? FindVideoFrames(options, naming, names)
+                             : FindCaptureImages(options.image_path,
+                                                 options.frame_list_path,
+                                                 names,
+                                                 naming,
+                                                 options.frame_name_regex);
   if (!options.quiet && !images.description.empty()) {
     std::cout << images.description << std::endl;
   }
@@ -159,6 +180,10 @@ std::vector<InputFrame> FindFrames(const TriangulatorOptions& options,
               << " image files are in no frame and left out; the first: "
               << images.left_out.front() << std::endl;
   }
+  // Of videos they are chosen before they are decoded.
+  images.frames = Choose(options,
+                         std::move(images.frames),
+                         [](const CaptureFrame& frame) { return frame.name; });
   std::vector<InputFrame> frames;
   for (const CaptureFrame& frame : images.frames) {
     frames.push_back(
@@ -300,6 +325,7 @@ std::string Fingerprint(const OptionParser& parser,
   for (const std::string& name :
        {std::string("output_path"),
         std::string("frame_list_path"),
+        std::string("MultiFrame.max_num_frames"),
         std::string("MultiFrameTriangulator.num_threads"),
         std::string("MultiFrameTriangulator.overwrite"),
         std::string("MultiFrameTriangulator.quiet"),

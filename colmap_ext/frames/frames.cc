@@ -10,6 +10,7 @@
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/rigs/rig_scaling.h"
+#include "src/scene/frame_choice.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/util/errors.h"
 
@@ -285,10 +286,15 @@ Capture ReadCapture(const std::string& frames_path,
   const CameraNaming naming(options.camera_name_regex);
   const std::unique_ptr<FrameSource> source = OpenFrames(
       frames_path, frame_list_path, options.frame_name_regex, capture.cameras);
-  const size_t num_frames = source->Names().size();
+  const std::vector<size_t> chosen =
+      ChooseFrames(source->Names().size(), options.max_num_frames);
+  if (chosen.size() < source->Names().size() && !options.quiet) {
+    std::cout << chosen.size() << " of " << source->Names().size()
+              << " frames are used (max_num_frames)" << std::endl;
+  }
   bool any_match = false;
-  for (size_t i = 0; i < num_frames; ++i) {
-    FrameModel frame = source->Read(i);
+  for (const size_t idx : chosen) {
+    FrameModel frame = source->Read(idx);
     MatchFrame(naming, camera_idxs, target_model, &frame, &capture);
     any_match = any_match || !frame.image_ids.empty();
     if (frame.reconstruction != nullptr) {
@@ -296,8 +302,10 @@ Capture ReadCapture(const std::string& frames_path,
       CheckCameras(frame, capture.frames, capture.cameras);
     }
     if (!options.quiet) {
-      std::cout << host::StringPrintf(
-          "Frame %zu / %zu '%s': ", i + 1, num_frames, frame.name.c_str());
+      std::cout << host::StringPrintf("Frame %zu / %zu '%s': ",
+                                      capture.frames.size() + 1,
+                                      chosen.size(),
+                                      frame.name.c_str());
       if (frame.skip_reason.empty()) {
         std::cout << frame.image_ids.size() << " images, "
                   << frame.reconstruction->NumPoints3D() << " points"

@@ -139,6 +139,7 @@ void TriangulatorOptions::Check() const {
              host::SiftExtraction(feature_extraction).first_octave,
              -2,
              10);
+  CheckRange("MultiFrame.max_num_frames", max_num_frames, 0, 1e9);
   const double kMax = std::numeric_limits<double>::max();
   CheckRange(host::kMinNumInliersName, min_num_inliers, 0, 1e9);
   CheckRange("Mapper.min_num_matches", min_num_matches, 1, 1e9);
@@ -232,6 +233,9 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
               &options->frame_name_regex,
               "one capture group: the frame within the path of an image; where "
               "the layout of the images is ambiguous");
+  parser->Add("MultiFrame.max_num_frames",
+              &options->max_num_frames,
+              "take so many frames, spread evenly over the capture; 0: all");
   parser->Add("MultiFrame.scale_intrinsics",
               &options->scale_intrinsics,
               "1: intrinsics for another resolution of the same ratio are "

@@ -27,6 +27,7 @@ struct TriangulatorOptions {
   std::string frame_name_regex;
   std::string video_offset_list_path;
   bool scale_intrinsics = false;
+  int max_num_frames = 0;  // 0: all
 
   // [MultiFrameTriangulator]
   ViewOverlapOptions view_overlap;

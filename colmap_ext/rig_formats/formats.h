@@ -115,6 +115,15 @@ void WriteMulticalRig(const std::string& path,
                       double pixel_offset,
                       RigRemarks* remarks);
 
+// .npz of NumPy, as loaders in Python take known cameras (DUSt3R, MASt3R).
+Cameras ReadNpzRig(const std::string& path,
+                   double pixel_offset,
+                   RigRemarks* remarks);
+void WriteNpzRig(const std::string& path,
+                 const Cameras& cameras,
+                 double pixel_offset,
+                 RigRemarks* remarks);
+
 // Whether `path` is a folder or file that ReadOpenCVRig takes.
 bool IsOpenCVRig(const std::string& path);
 

@@ -39,6 +39,7 @@ bool HasLineThatBegins(const std::string& text, const std::string& begin) {
 
 std::string DetectFile(const std::string& path) {
   const std::string text = ReadTextFile(path);
+  if (text.compare(0, 2, "PK") == 0) return "npz";  // a zip archive
   const size_t begin = text.find_first_not_of(" \t\r\n");
   if (begin == std::string::npos)
     return "krt";  // whose reader says it is empty
@@ -119,7 +120,14 @@ const std::vector<RigFormat>& RigFormats() {
        0.5,
        false,
        ReadMulticalRig,
-       WriteMulticalRig}};
+       WriteMulticalRig},
+      {"npz",
+       "a .npz of NumPy with intrinsics and poses (DUSt3R, MASt3R)",
+       "cameras.npz",
+       0.5,
+       true,
+       ReadNpzRig,
+       WriteNpzRig}};
   return formats;
 }
 

@@ -57,6 +57,7 @@ void MultiFrameOptions::Check() const {
   CheckAtLeast("loss_scale", loss_scale, 0.0);
   CheckAtLeast("max_num_iterations", max_num_iterations, 1);
   CheckAtLeast("retriangulation_rounds", retriangulation_rounds, 0);
+  CheckAtLeast("max_num_frames", max_num_frames, 0);
   for (const auto& [name, value] :
        {std::make_pair("refine_keypoints", refine_keypoints),
         std::make_pair("complete_tracks", complete_tracks)}) {

@@ -64,6 +64,9 @@ struct MultiFrameOptions {
   int refine_keypoints = -1;
   int complete_tracks = -1;
 
+  // How many frames are used, see ChooseFrames; 0: all.
+  int max_num_frames = 0;
+
   // What becomes of tracks that are in place in several frames: "merge", "keep"
   // or "drop", see StaticPoints.
   std::string static_points = "keep";

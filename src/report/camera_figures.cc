@@ -73,8 +73,9 @@ std::string ArrowsSvg(const ReportCamera& camera,
   const double scale = SvgScale(camera);
   std::vector<Arrow> arrows;
   for (size_t i = 0; i < pixels.size(); ++i) {
-    arrows.push_back(
-        {pixels[i] * scale, (pixels[i] + factor * vectors[i]) * scale});
+    // Around the pixel, so that they stay in the picture at its borders.
+    const Eigen::Vector2d half = 0.5 * factor * vectors[i];
+    arrows.push_back({(pixels[i] - half) * scale, (pixels[i] + half) * scale});
   }
   return ImageSvg(camera, title, ArrowPath(arrows, css_class));
 }
@@ -87,7 +88,7 @@ std::string Short(double value) {
 }
 
 std::string Times(double factor) {
-  return factor == 1.0 ? "" : " &times; " + Short(factor);
+  return factor == 1.0 ? "" : " &times;&nbsp;" + Short(factor);
 }
 
 double LargestNorm(const std::vector<Eigen::Vector2d>& vectors) {
@@ -165,7 +166,7 @@ std::string ResidualFigure(const Report& report,
           scales.residual_factor,
           "arrow"),
       "<b>Mean residuals</b>" + Times(scales.residual_factor) + ", largest " +
-          Short(LargestNorm(means)) + " px");
+          Short(LargestNorm(means)) + "&nbsp;px");
 }
 
 std::string CoverageFigure(const Report& report,
@@ -222,7 +223,7 @@ std::string UncertaintyFigure(const Report& report,
                                   ImageHeight(camera) / kMapRows)),
                 "<b>Uncertainty</b> " +
                     ColorScale("0", Short(scales.max_std) + "+ px") +
-                    ", largest " + Short(largest) + " px");
+                    ", largest " + Short(largest) + "&nbsp;px");
 }
 
 std::string DisplacementSvg(const Report& report,
@@ -247,7 +248,8 @@ std::string DisplacementFigure(const Report& report,
       DisplacementSvg(report, scales, camera_idx),
       "<b>Change</b> since " + EscapeHtml(reference.label) +
           Times(scales.displacement_factor) + ", largest " +
-          Short(LargestNorm(CameraDisplacements(report, camera_idx))) + " px");
+          Short(LargestNorm(CameraDisplacements(report, camera_idx))) +
+          "&nbsp;px");
 }
 
 std::string HistoryFigure(const Report& report, size_t camera_idx) {

@@ -50,8 +50,11 @@ std::string Card(const Report& report,
   const Health health = CameraHealth(report, camera_idx);
   std::string remarks;
   for (const Finding& finding : findings) {
-    remarks += "<li class=\"" + HealthClass(finding.health) + "\">" +
-               finding.text + "</li>";
+    // A camera's remark is never praise.
+    remarks += "<li class=\"" +
+               (finding.health == Health::kGood ? std::string("note")
+                                                : HealthClass(finding.health)) +
+               "\">" + finding.text + "</li>";
   }
   if (!remarks.empty()) {
     remarks = "<ul class=\"findings\">" + remarks + "</ul>\n";

@@ -68,15 +68,15 @@ std::string ExampleFigure(const Report& report, const ExampleImage& example) {
             factor_after,
             "example-after") +
       "<path class=\"keypoints\" d=\"" + dots + "\"/></svg>";
-  return Figure(svg,
-                "<b>" + EscapeHtml(camera.name) + "</b>, frame " +
-                    EscapeHtml(example.frame_name) +
-                    ". <i class=\"key before\"></i> before, lines &times; " +
-                    Fixed(factor_before, 0) + ", median " +
-                    Fixed(Median(before), 2) +
-                    " px. <i class=\"key after\"></i> now, &times; " +
-                    Fixed(factor_after, 0) + ", median " +
-                    Fixed(Median(after), 3) + " px");
+  return Figure(
+      svg,
+      "<b>" + EscapeHtml(camera.name) + "</b>, frame " +
+          EscapeHtml(example.frame_name) +
+          ". <i class=\"key before\"></i>&nbsp;before, lines &times;&nbsp;" +
+          Fixed(factor_before, 0) + ", median " + Fixed(Median(before), 2) +
+          "&nbsp;px. <i class=\"key after\"></i>&nbsp;now, &times;&nbsp;" +
+          Fixed(factor_after, 0) + ", median " + Fixed(Median(after), 3) +
+          "&nbsp;px");
 }
 
 }  // namespace

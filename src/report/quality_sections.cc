@@ -105,20 +105,20 @@ std::string FrameRows(const Report& report) {
   for (size_t i = 0; i < frames.size(); ++i) {
     const std::string pointer = "/frames/" + std::to_string(i) + "/";
     rows.push_back({TextField(report.summary, pointer + "name"),
-                    TextField(report.summary, pointer + "status"),
-                    EscapeHtml(TextAt(frames[i], "/reason")),
                     Field(report.summary, pointer + "num_images", 0),
                     Field(report.summary, pointer + "num_points", 0),
                     Field(report.summary, pointer + "num_observations", 0),
-                    Field(report.summary, pointer + "alignment_rms", 4)});
+                    Field(report.summary, pointer + "alignment_rms", 4),
+                    TextField(report.summary, pointer + "status"),
+                    EscapeHtml(TextAt(frames[i], "/reason"))});
   }
   return Table({"frame",
-                "status",
-                "reason",
                 "images",
                 "points",
                 "observations",
-                "alignment (units of RIG)"},
+                "alignment (units of RIG)",
+                "status",
+                "reason"},
                rows);
 }
 
@@ -193,8 +193,9 @@ std::string ResidualsSection(const Report& report) {
   const Json& summary = report.summary;
   const std::string caption =
       "Bars: residuals of all observations. Line: the noise of a keypoint as "
-      "the refinement has estimated it. Residuals are a little smaller than "
-      "the noise, since each point follows its own keypoints.";
+      "the refinement has estimated it. Residuals are smaller than "
+      "the noise, the more so the fewer cameras see a point, since each point "
+      "follows its own keypoints.";
   return Section(
       "residuals",
       "Residuals",
@@ -218,17 +219,20 @@ std::string FramesSection(const Report& report) {
                       ? std::sqrt(cell.sum_squared / cell.num_inliers)
                       : NAN);
   }
-  const auto high = [](std::vector<double> values) {
+  const auto high = [](std::vector<double> values, double share) {
     values.erase(std::remove_if(values.begin(),
                                 values.end(),
                                 [](double value) { return !(value >= 0.0); }),
                  values.end());
     if (values.empty()) return 1.0;
     std::sort(values.begin(), values.end());
-    return values[(values.size() - 1) * 98 / 100];
+    return values[static_cast<size_t>(share *
+                                      static_cast<double>(values.size() - 1))];
   };
-  const double high_count = high(counts);
-  const double high_rms = high(rms);
+  const double high_count = high(counts, 0.98);
+  // What is usual is in the middle of the scale, so that only what does not fit
+  // is bright.
+  const double high_rms = 2.0 * high(rms, 0.5);
   const std::string axes =
       ". Rows are frames, from the top; columns are cameras, in the order of "
       "their names; white: nothing there.";

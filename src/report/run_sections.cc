@@ -158,7 +158,7 @@ std::string ConvergenceSection(const Report& report) {
          "</b>. The last full step moved no combination of parameters by more "
          "than " +
          Field(report.summary, "/result/last_step_stds", 9) +
-         " standard deviations.</p>\n" +
+         " standard deviations; at most 0.0001 counts as converged.</p>\n" +
          StagesPlot(report.summary.value("stages", Json::array())) +
          Folded("Table of all solves (history.csv)",
                 HistoryTable(report.history_csv)) +

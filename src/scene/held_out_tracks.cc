@@ -2,7 +2,6 @@
 
 #include <cmath>
 #include <cstdint>
-#include <string>
 #include <utility>
 
 namespace mfir {
@@ -26,11 +25,8 @@ int64_t HundredthsOfPixel(double coordinate) {
 }
 
 // Depends on the keypoints of the track alone: files that differ in order or in
-// the names of images must hold out the same tracks.
-bool IsHeldOut(double share,
-               const std::string& frame_name,
-               const Observation* begin,
-               const Observation* end) {
+// the names of images and frames must hold out the same tracks.
+bool IsHeldOut(double share, const Observation* begin, const Observation* end) {
   uint64_t sum = 0;
   for (const Observation* observation = begin; observation != end;
        ++observation) {
@@ -38,10 +34,7 @@ bool IsHeldOut(double share,
                            HundredthsOfPixel(observation->xy.y())};
     sum += Hash(kHashBasis, key, sizeof(key));
   }
-  const uint64_t hash =
-      Hash(Hash(kHashBasis, frame_name.data(), frame_name.size()),
-           &sum,
-           sizeof(sum));
+  const uint64_t hash = Hash(kHashBasis, &sum, sizeof(sum));
   return static_cast<double>(hash >> 11) * 0x1.0p-53 < share;
 }
 
@@ -50,33 +43,27 @@ bool IsHeldOut(double share,
 Selection HoldOutTracks(double share, const Scene& scene, Selection selection) {
   const Selection all = selection;
   bool is_any_left = false;
-  const auto hold_out = [&](const Frame& frame,
-                            const Observation* begin,
-                            const Observation* end,
-                            TrackRole* role) {
-    if (*role != TrackRole::kFitted) return;
-    if (IsHeldOut(share, frame.name, begin, end)) {
-      *role = TrackRole::kHeldOut;
-    } else {
-      is_any_left = true;
-    }
-  };
+  const auto hold_out =
+      [&](const Observation* begin, const Observation* end, TrackRole* role) {
+        if (*role != TrackRole::kFitted) return;
+        if (IsHeldOut(share, begin, end)) {
+          *role = TrackRole::kHeldOut;
+        } else {
+          is_any_left = true;
+        }
+      };
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     const Frame& frame = scene.frames[f];
     const Observation* observations = frame.observations.data();
     for (size_t i = 0; i < frame.NumPoints(); ++i) {
-      hold_out(frame,
-               observations + frame.track_begins[i],
+      hold_out(observations + frame.track_begins[i],
                observations + frame.track_begins[i + 1],
                &selection.roles[f][i]);
     }
   }
   for (MergedTrack& track : selection.merged) {
     const Observation* begin = track.observations.data();
-    hold_out(scene.frames[track.frame_idx],
-             begin,
-             begin + track.observations.size(),
-             &track.role);
+    hold_out(begin, begin + track.observations.size(), &track.role);
   }
   return is_any_left ? selection : all;
 }

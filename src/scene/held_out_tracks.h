@@ -8,8 +8,8 @@
 namespace mfir {
 
 // Holds out about `share` of the fitted tracks. The choice depends on the
-// frame's name and the track's own keypoints only, not on any order. None where
-// nothing would be left to fit.
+// track's own keypoints only, not on any name or order. None where nothing
+// would be left to fit.
 Selection HoldOutTracks(double share, const Scene& scene, Selection selection);
 
 }  // namespace mfir

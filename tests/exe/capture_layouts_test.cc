@@ -179,6 +179,35 @@ TEST_F(CaptureLayoutsTest, VideosByOneCommand) {
   }
 }
 
+// Of three frames the middle one; those of an earlier run are not used.
+TEST_F(CaptureLayoutsTest, MaxNumFrames) {
+  CopyImages([](const std::string& frame, int camera) {
+    return frame + "/" + CameraName(camera) + ".png";
+  });
+  fs::create_directories(folder_ / "images/frame000002");
+  fs::create_directories(folder_ / "w/frames/frame000000/sparse/0");
+  const CommandResult result = RunColmap({"multi_frame_automatic_refiner",
+                                          "--workspace_path",
+                                          folder_ / "w",
+                                          "--image_path",
+                                          folder_ / "images",
+                                          "--extrinsics_path",
+                                          *capture_ / "capture/rig",
+                                          "--SiftExtraction.max_num_features",
+                                          "300",
+                                          "--MultiFrame.max_num_frames",
+                                          "1"},
+                                         300);
+  ASSERT_EQ(result.exit_code, 0) << result.error;
+  EXPECT_NE(result.output.find("1 of 3 frames are taken (max_num_frames): "
+                               "frame000001\n"),
+            std::string::npos)
+      << result.output;
+  EXPECT_EQ(ReadFile(folder_ / "w/frames/frame_list.txt"), "frame000001\n");
+  EXPECT_TRUE(fs::exists(folder_ / "w/refined/frames/frame000001"));
+  EXPECT_FALSE(fs::exists(folder_ / "w/refined/frames/frame000000"));
+}
+
 TEST_F(CaptureLayoutsTest, BadVideosAndOptionsHaveTheirExitCodes) {
   WriteFile(folder_ / "images/cam00.mp4", "no video");
   const auto expect =

@@ -56,6 +56,7 @@ TEST_F(RefinerOptionsTest, EveryOptionChangesTheResult) {
       {"progressive", "0", Paper()},
       {"loss_scale", "1", Paper()},
       {"loss_scale", "1", {}},
+      {"max_num_frames", "1", {}},
       {"refine_focal_length", "0", {}},
       {"refine_principal_point", "0", {}},
       {"refine_extra_params", "0", {}},
@@ -118,9 +119,8 @@ TEST_F(RefinerOptionsTest, KeypointsAreRefinedWhereThereAreImages) {
   fs::create_directories(Path("no_images"));
   ExpectRefines();
   EXPECT_EQ(Summary()["options"]["MultiFrame.refine_keypoints"], 0);
-  const CommandResult result =
-      Refine({{"image_path", Path("no_images")},
-              {"MultiFrame.dense_features", "none"}});
+  const CommandResult result = Refine({{"image_path", Path("no_images")},
+                                       {"MultiFrame.dense_features", "none"}});
   EXPECT_EQ(result.exit_code, kExitSuccess) << result.error;
   EXPECT_NE(result.output.find("keeps its keypoints"), std::string::npos)
       << result.output;

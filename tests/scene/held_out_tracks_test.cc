@@ -1,21 +1,20 @@
 #include "src/scene/held_out_tracks.h"
 
 #include <algorithm>
-#include <string>
 
 #include <gtest/gtest.h>
 
 namespace mfir {
 namespace {
 
-Scene MakeScene(const std::string& frame_name, size_t num_tracks) {
+Scene MakeScene(size_t num_tracks, double x = 0.0) {
   Scene scene;
   scene.cameras.resize(2);
   Frame frame;
-  frame.name = frame_name;
+  frame.name = "frame";
   frame.images = {{0}, {1}};
   for (size_t i = 0; i < num_tracks; ++i) {
-    frame.observations.push_back({0, {3.0 * i, 5.0}});
+    frame.observations.push_back({0, {x + 3.0 * i, 5.0}});
     frame.observations.push_back({1, {2.0 * i, 7.0}});
     frame.track_begins.push_back(frame.observations.size());
   }
@@ -28,7 +27,7 @@ std::vector<TrackRole> Roles(double share, const Scene& scene) {
 }
 
 TEST(HeldOutTracks, AreTheShare) {
-  const std::vector<TrackRole> roles = Roles(0.2, MakeScene("frame", 1000));
+  const std::vector<TrackRole> roles = Roles(0.2, MakeScene(1000));
   ASSERT_EQ(roles.size(), 1000u);
   EXPECT_NEAR(
       std::count(roles.begin(), roles.end(), TrackRole::kFitted), 800.0, 50.0);
@@ -38,7 +37,7 @@ TEST(HeldOutTracks, AreTheShare) {
 }
 
 TEST(HeldOutTracks, AreNotTakenFromOthers) {
-  const Scene scene = MakeScene("frame", 1000);
+  const Scene scene = MakeScene(1000);
   Selection selection = FittedTracks(scene);
   std::fill_n(selection.roles[0].begin(), 500, TrackRole::kDropped);
   const Selection held_out = HoldOutTracks(0.5, scene, selection);
@@ -53,7 +52,7 @@ TEST(HeldOutTracks, AreNotTakenFromOthers) {
 }
 
 TEST(HeldOutTracks, MergedTracksToo) {
-  const Scene scene = MakeScene("frame", 1);
+  const Scene scene = MakeScene(1);
   Selection selection = FittedTracks(scene);
   MergedTrack merged;
   for (int i = 0; i < 1000; ++i) {
@@ -68,7 +67,7 @@ TEST(HeldOutTracks, MergedTracksToo) {
 }
 
 TEST(HeldOutTracks, OrderOfObservationsDoesNotMatter) {
-  const Scene scene = MakeScene("frame", 1000);
+  const Scene scene = MakeScene(1000);
   Scene turned = scene;
   for (size_t i = 0; i < 1000; ++i) {
     std::swap(turned.frames[0].observations[2 * i],
@@ -77,9 +76,17 @@ TEST(HeldOutTracks, OrderOfObservationsDoesNotMatter) {
   EXPECT_EQ(Roles(0.2, scene), Roles(0.2, turned));
 }
 
+// The same capture in another layout: its frames have other names.
+TEST(HeldOutTracks, NamesOfFramesDoNotMatter) {
+  const Scene scene = MakeScene(1000);
+  Scene renamed = scene;
+  renamed.frames[0].name = "000000";
+  EXPECT_EQ(Roles(0.2, scene), Roles(0.2, renamed));
+}
+
 // Eighths of a pixel are halves of a hundredth.
 TEST(HeldOutTracks, LastDigitsDoNotMatter) {
-  Scene scene = MakeScene("frame", 1000);
+  Scene scene = MakeScene(1000);
   for (Observation& observation : scene.frames[0].observations) {
     observation.xy.array() += 0.125;
   }
@@ -93,7 +100,7 @@ TEST(HeldOutTracks, LastDigitsDoNotMatter) {
 // Of captures of a single track every other one would lose it.
 TEST(HeldOutTracks, SomethingIsLeftToRefineWith) {
   for (int i = 0; i < 20; ++i) {
-    const Scene scene = MakeScene("frame" + std::to_string(i), 1);
+    const Scene scene = MakeScene(1, 10.0 * i);
     EXPECT_EQ(Roles(0.5, scene), std::vector<TrackRole>{TrackRole::kFitted});
   }
 }
