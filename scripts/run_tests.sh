@@ -18,6 +18,8 @@ USAGE
 
 while (($#)); do
   [[ $1 != -- ]] || { shift && break; }
+  # The only one without a value.
+  [[ $1 != --mpi ]] || { MPI=1 && shift && continue; }
   parse_common_option "$@"
   shift 2
 done

@@ -4,12 +4,18 @@
 
 #include <functional>
 
+#include "src/util/communicator.h"
+
 namespace mfir {
 
 // Runs the body of a command and turns exceptions into a message on stderr and
 // the exit code of the contract (src/util/errors.h). Ctrl-C and SIGTERM end it
 // with 130 and 143 (src/util/interruption.h).
 int RunCommand(const std::function<void()>& body);
+
+// The same for a command that can work as several processes (mpirun). If some
+// fail, one says why, and all end with its exit code.
+int RunCommandOverRanks(const std::function<void(const Communicator&)>& body);
 
 int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);

@@ -13,6 +13,7 @@
 #include "colmap_ext/controllers/stage_progress.h"
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/triangulator_inputs.h"
+#include "colmap_ext/frames/capture_videos.h"
 #include "colmap_ext/frames/frame_database.h"
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/util.h"
@@ -213,7 +214,8 @@ std::string ProcessFrame(const TriangulatorOptions& options,
 
 void ProcessFrames(const TriangulatorOptions& options,
                    TriangulatorInputs* inputs) {
-  const int num_threads = host::GetEffectiveNumThreads(options.num_threads);
+  const int num_threads =
+      options.num_threads > 0 ? options.num_threads : NumThreadsOfMachine();
   const int num_frames_at_once =
       std::min<int>(num_threads, inputs->frames.size());
   std::atomic<size_t> num_done = 0;
@@ -241,6 +243,17 @@ void ProcessFrames(const TriangulatorOptions& options,
   });
 }
 
+// Every n-th: frames that an earlier run has finished lie together, and so the
+// rest is shared out evenly.
+std::vector<InputFrame> FramesOfRank(const Communicator& ranks,
+                                     std::vector<InputFrame> frames) {
+  std::vector<InputFrame> own;
+  for (size_t i = ranks.Rank(); i < frames.size(); i += ranks.NumRanks()) {
+    own.push_back(std::move(frames[i]));
+  }
+  return own;
+}
+
 void CreateOutputFolder(const std::string& path) {
   std::error_code error;
   fs::create_directories(path, error);
@@ -251,23 +264,24 @@ void CreateOutputFolder(const std::string& path) {
 }
 
 // What failed goes to stderr also when the progress is not shown.
-void ReportFailures(const std::vector<InputFrame>& frames) {
-  const InputFrame* first_failed = nullptr;
-  size_t num_failed = 0;
+void ReportFailures(const Communicator& ranks,
+                    const std::vector<InputFrame>& frames) {
+  std::vector<std::string> names;
+  std::vector<std::string> failures;
   for (const InputFrame& frame : frames) {
     if (frame.failure.empty()) continue;
-    if (first_failed == nullptr) first_failed = &frame;
-    ++num_failed;
+    names.push_back(frame.name);
+    failures.push_back(frame.failure);
   }
-  if (num_failed == frames.size()) {
+  names = Concatenate(ranks, names);
+  failures = Concatenate(ranks, failures);
+  if (names.size() == Sum(ranks, frames.size())) {
     throw InputError("No frame could be triangulated. The first, '" +
-                     first_failed->name + "': " + first_failed->failure);
+                     names.front() + "': " + failures.front());
   }
-  for (const InputFrame& frame : frames) {
-    if (!frame.failure.empty()) {
-      std::cerr << "WARNING: frame '" << frame.name
-                << "' is left out: " << frame.failure << std::endl;
-    }
+  for (size_t i = 0; ranks.IsFirst() && i < names.size(); ++i) {
+    std::cerr << "WARNING: frame '" << names[i]
+              << "' is left out: " << failures[i] << std::endl;
   }
 }
 
@@ -282,7 +296,7 @@ void ChooseDevice(TriangulatorOptions* options) {
 }  // namespace
 
 int RunMultiFrameTriangulator(int argc, char** argv) {
-  return RunCommand([argc, argv]() {
+  return RunCommandOverRanks([argc, argv](const Communicator& ranks) {
     TriangulatorOptions options;
     OptionParser parser;
     parser.SetHelp(
@@ -294,14 +308,20 @@ int RunMultiFrameTriangulator(int argc, char** argv) {
     parser.Parse(argc, argv);
     ChooseDevice(&options);
     options.Check();
+    LimitThreads(options.num_threads);
+    if (!ranks.IsAlone() && HasVideosOnly(options.image_path)) {
+      throw UsageError(
+          "Several processes cannot decode videos together: run one process.");
+    }
     TriangulatorInputs inputs = ReadTriangulatorInputs(options, parser);
     CreateOutputFolder(options.output_path);
-    if (!options.quiet) {
+    if (!options.quiet && ranks.IsFirst()) {
       std::cout << inputs.frames.size() << " frames, " << inputs.pairs.size()
                 << " pairs of cameras overlap" << std::endl;
     }
+    inputs.frames = FramesOfRank(ranks, std::move(inputs.frames));
     ProcessFrames(options, &inputs);
-    ReportFailures(inputs.frames);
+    ReportFailures(ranks, inputs.frames);
   });
 }
 

@@ -78,7 +78,7 @@ Selection HoldOutTracks(double share, const Scene& scene, Selection selection) {
              begin + track.observations.size(),
              &track.role);
   }
-  return is_any_left ? selection : all;
+  return Any(*scene.ranks, is_any_left) ? selection : all;
 }
 
 }  // namespace mfir

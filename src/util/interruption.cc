@@ -24,6 +24,7 @@ struct State {
   std::mutex paths_mutex;
   std::vector<fs::path> paths;
   std::atomic<bool> interrupted{false};
+  std::atomic<bool> silent{false};
 };
 
 // Never destroyed: the signal thread outlives main.
@@ -62,6 +63,7 @@ void Print(const std::string& line) {
     std::error_code ignored;
     fs::remove_all(path, ignored);
   }
+  if (state.silent) _exit(128 + signal);
   Print(std::string("Interrupted by ") +
         (signal == SIGINT ? "SIGINT" : "SIGTERM") +
         ": results that were complete are kept, the unfinished one is "
@@ -91,6 +93,8 @@ void EndCleanlyAtSignals() {
   }();
   static_cast<void>(started);
 }
+
+void EndSilentlyAtSignals() { GetState().silent = true; }
 
 void WaitIfInterrupted() {
   while (GetState().interrupted) {
