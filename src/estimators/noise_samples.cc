@@ -19,6 +19,9 @@ constexpr size_t kPointsPerChunk = 1024;
 // Of a standard normal variable.
 constexpr double kMedianOfSquare = 0.45493642311957283;
 constexpr double kMinWeight = 0.05;
+// Where just one half of equal weights lies below, no last digit of their sum,
+// which depends on its order, may decide.
+constexpr double kHalfTolerance = 1e-12;
 
 // Consecutive points of one frame.
 struct Chunk {
@@ -232,7 +235,7 @@ double RobustStd(const std::vector<NoiseSample>& samples,
       [&](size_t i) {
         return WeightedValue{samples[i].squared, samples[i].weight};
       },
-      0.5 * total,
+      (0.5 - kHalfTolerance) * total,
       ranks);
   return std::sqrt(median / kMedianOfSquare);
 }

@@ -20,7 +20,10 @@
 namespace mfir {
 namespace {
 
-constexpr double kTolerance = 1e-9;  // relative
+// Relative.
+constexpr double kTolerance = 1e-9;
+// Of what is sensitive to points, which stop within their own tolerance.
+constexpr double kPointTolerance = 1e-5;
 
 MultiFrameOptions Options() {
   MultiFrameOptions options;
@@ -75,10 +78,9 @@ struct Found {
   std::vector<double> rms_px;
   std::vector<PoseDisagreement> poses;
   StaticPointStatistics static_points;
-  int num_iterations = 0;
 };
 
-Found Run(const MultiFrameOptions& options, SceneEstimate start) {
+Found RefineCapture(const MultiFrameOptions& options, SceneEstimate start) {
   Found found;
   start = InitializeIntrinsics(options, std::move(start));
   const Scene& scene = start.scene;
@@ -91,7 +93,7 @@ Found Run(const MultiFrameOptions& options, SceneEstimate start) {
   found.refinement = RefineFixedExtrinsics(
       options,
       true,
-      [&](const Stage& stage) { found.num_iterations += stage.num_iterations; },
+      [](const Stage&) {},
       fitted.scene,
       std::move(fitted.estimate));
   const std::vector<double> squared =
@@ -107,16 +109,16 @@ Found Run(const MultiFrameOptions& options, SceneEstimate start) {
 }
 
 void ExpectNear(const std::vector<double>& values,
-                const std::vector<double>& expected) {
+                const std::vector<double>& expected,
+                double tolerance = kTolerance) {
   ASSERT_EQ(values.size(), expected.size());
   for (size_t i = 0; i < values.size(); ++i) {
-    EXPECT_NEAR(values[i], expected[i], kTolerance * std::abs(expected[i]));
+    EXPECT_NEAR(values[i], expected[i], tolerance * std::abs(expected[i]));
   }
 }
 
 void ExpectNear(const Found& found, const Found& expected) {
   EXPECT_TRUE(found.refinement.converged);
-  EXPECT_EQ(found.num_iterations, expected.num_iterations);
   const auto& cameras = expected.refinement.estimate.cameras;
   for (size_t i = 0; i < cameras.size(); ++i) {
     ExpectNear(found.refinement.estimate.cameras[i].params, cameras[i].params);
@@ -125,12 +127,12 @@ void ExpectNear(const Found& found, const Found& expected) {
   }
   const Eigen::MatrixXd& covariance = expected.refinement.covariance;
   EXPECT_LT((found.refinement.covariance - covariance).norm(),
-            1e-7 * covariance.norm());
+            kPointTolerance * covariance.norm());
   ExpectNear(
       {found.refinement.noise_std_px, found.refinement.outlier_share},
       {expected.refinement.noise_std_px, expected.refinement.outlier_share});
-  ExpectNear(found.stds_px, expected.stds_px);
-  ExpectNear(found.rms_px, expected.rms_px);
+  ExpectNear(found.stds_px, expected.stds_px, kPointTolerance);
+  ExpectNear(found.rms_px, expected.rms_px, kPointTolerance);
   EXPECT_EQ(found.static_points.num_points, expected.static_points.num_points);
   EXPECT_EQ(found.static_points.num_tracks, expected.static_points.num_tracks);
   EXPECT_EQ(found.static_points.observation_share,
@@ -142,12 +144,12 @@ TEST(RefinementOverRanks, GivesWhatOneProcessGives) {
   for (const char* treatment : {"keep", "drop"}) {
     MultiFrameOptions options = Options();
     options.static_points = treatment;
-    const Found expected = Run(options, all);
+    const Found expected = RefineCapture(options, all);
     ASSERT_TRUE(expected.refinement.converged);
     ASSERT_GT(expected.static_points.num_points, 50);
     for (const int num_ranks : {2, 3}) {
       RunRanks(num_ranks, [&](const Communicator& ranks) {
-        ExpectNear(Run(options, Share(all, ranks)), expected);
+        ExpectNear(RefineCapture(options, Share(all, ranks)), expected);
       });
     }
   }
@@ -158,9 +160,9 @@ TEST(RefinementOverRanks, CorrectsExtrinsicsTogether) {
   options.extrinsics_rotation_std_deg = 0.02;
   options.extrinsics_translation_std = 1e-4;
   const SceneEstimate all = MakeScene();
-  const Found expected = Run(options, all);
+  const Found expected = RefineCapture(options, all);
   RunRanks(2, [&](const Communicator& ranks) {
-    const Found found = Run(options, Share(all, ranks));
+    const Found found = RefineCapture(options, Share(all, ranks));
     ExpectNear(found, expected);
     for (size_t i = 0; i < all.scene.cameras.size(); ++i) {
       EXPECT_LT(
