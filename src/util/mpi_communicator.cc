@@ -73,62 +73,62 @@ class MpiGroup final : public ProcessGroup {
   // To the first rank and back: one order of the sum, one result.
   void Sum(double* values, size_t count) const override {
     AgreeToGoOn();
-    for (size_t begin = 0; begin < count; begin += kMaxBytes / sizeof(double)) {
-      const int num =
-          static_cast<int>(std::min(count - begin, kMaxBytes / sizeof(double)));
+    ForEachPart(count, sizeof(double), [&](size_t begin, int num) {
       double* part = values + begin;
-      MPI_Reduce(rank_ == 0 ? MPI_IN_PLACE : part,
-                 part,
-                 num,
-                 MPI_DOUBLE,
-                 MPI_SUM,
-                 0,
-                 MPI_COMM_WORLD);
-      MPI_Bcast(part, num, MPI_DOUBLE, 0, MPI_COMM_WORLD);
-    }
+      MPI_Request request;
+      MPI_Ireduce(rank_ == 0 ? MPI_IN_PLACE : part,
+                  part,
+                  num,
+                  MPI_DOUBLE,
+                  MPI_SUM,
+                  0,
+                  MPI_COMM_WORLD,
+                  &request);
+      Wait(&request);
+      MPI_Ibcast(part, num, MPI_DOUBLE, 0, MPI_COMM_WORLD, &request);
+      Wait(&request);
+    });
   }
 
   std::vector<std::string> Gather(const std::string& bytes) const override {
-    AgreeToGoOn();
-    const unsigned long long size = bytes.size();
-    std::vector<unsigned long long> sizes(num_ranks_);
-    MPI_Gather(&size,
-               1,
-               MPI_UNSIGNED_LONG_LONG,
-               sizes.data(),
-               1,
-               MPI_UNSIGNED_LONG_LONG,
-               0,
-               MPI_COMM_WORLD);
+    std::vector<double> sizes(num_ranks_, 0.0);
+    sizes[rank_] = static_cast<double>(bytes.size());
+    Sum(sizes.data(), sizes.size());
+    MPI_Request request;
     if (rank_ != 0) {
-      ForEachPart(bytes.size(), [&](size_t begin, int num) {
-        MPI_Send(bytes.data() + begin, num, MPI_CHAR, 0, 0, MPI_COMM_WORLD);
+      ForEachPart(bytes.size(), 1, [&](size_t begin, int num) {
+        MPI_Isend(bytes.data() + begin,
+                  num,
+                  MPI_CHAR,
+                  0,
+                  0,
+                  MPI_COMM_WORLD,
+                  &request);
+        Wait(&request);
       });
       return {};
     }
     std::vector<std::string> all = {bytes};
     for (int rank = 1; rank < num_ranks_; ++rank) {
-      std::string& received = all.emplace_back(sizes[rank], '\0');
-      ForEachPart(received.size(), [&](size_t begin, int num) {
-        MPI_Recv(&received[begin],
-                 num,
-                 MPI_CHAR,
-                 rank,
-                 0,
-                 MPI_COMM_WORLD,
-                 MPI_STATUS_IGNORE);
+      std::string& received =
+          all.emplace_back(static_cast<size_t>(sizes[rank]), '\0');
+      ForEachPart(received.size(), 1, [&](size_t begin, int num) {
+        MPI_Irecv(
+            &received[begin], num, MPI_CHAR, rank, 0, MPI_COMM_WORLD, &request);
+        Wait(&request);
       });
     }
     return all;
   }
 
   void Broadcast(std::string* bytes) const override {
-    AgreeToGoOn();
-    unsigned long long size = bytes->size();
-    MPI_Bcast(&size, 1, MPI_UNSIGNED_LONG_LONG, 0, MPI_COMM_WORLD);
-    bytes->resize(size);
-    ForEachPart(bytes->size(), [&](size_t begin, int num) {
-      MPI_Bcast(&(*bytes)[begin], num, MPI_CHAR, 0, MPI_COMM_WORLD);
+    double size = rank_ == 0 ? static_cast<double>(bytes->size()) : 0.0;
+    Sum(&size, 1);
+    bytes->resize(static_cast<size_t>(size));
+    ForEachPart(bytes->size(), 1, [&](size_t begin, int num) {
+      MPI_Request request;
+      MPI_Ibcast(&(*bytes)[begin], num, MPI_CHAR, 0, MPI_COMM_WORLD, &request);
+      Wait(&request);
     });
   }
 
@@ -146,30 +146,36 @@ class MpiGroup final : public ProcessGroup {
   };
 
   template <typename Function>
-  static void ForEachPart(size_t size, const Function& function) {
-    for (size_t begin = 0; begin < size; begin += kMaxBytes) {
-      function(begin, static_cast<int>(std::min(size - begin, kMaxBytes)));
+  static void ForEachPart(size_t count, size_t size, const Function& function) {
+    const size_t max_count = kMaxBytes / size;
+    for (size_t begin = 0; begin < count; begin += max_count) {
+      function(begin, static_cast<int>(std::min(count - begin, max_count)));
     }
   }
 
-  // Ranks that wait leave the processor to others: MPI's own waits would spin.
-  Outcome Agree(int exit_code) const {
+  // Leaves the processor to others: MPI's own waits would spin.
+  static void Wait(MPI_Request* request) {
     constexpr int kNumQuickTests = 1000;
-    const Outcome mine = {exit_code, rank_};
-    Outcome common = mine;
-    MPI_Request request;
-    MPI_Iallreduce(
-        &mine, &common, 1, MPI_2INT, MPI_MAXLOC, MPI_COMM_WORLD, &request);
     int done = 0;
     for (int i = 0;; ++i) {
-      MPI_Test(&request, &done, MPI_STATUS_IGNORE);
-      if (done != 0) return common;
+      MPI_Test(request, &done, MPI_STATUS_IGNORE);
+      if (done != 0) return;
       if (i < kNumQuickTests) {
         std::this_thread::yield();
       } else {
         std::this_thread::sleep_for(std::chrono::microseconds(200));
       }
     }
+  }
+
+  Outcome Agree(int exit_code) const {
+    const Outcome mine = {exit_code, rank_};
+    Outcome common = mine;
+    MPI_Request request;
+    MPI_Iallreduce(
+        &mine, &common, 1, MPI_2INT, MPI_MAXLOC, MPI_COMM_WORLD, &request);
+    Wait(&request);
+    return common;
   }
 
   void AgreeToGoOn() const {
