@@ -6,6 +6,7 @@
 #
 #   tests/benchmark/serial_share.sh [CAMERAS [FRAMES [POINTS]]] [-- refiner options...]
 set -euo pipefail
+# shellcheck source=tests/benchmark/common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
 sizes=()
 while (($#)) && [[ $1 != -- ]]; do
