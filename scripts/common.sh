@@ -9,6 +9,7 @@ COLMAP_SOURCE=
 COLMAP_VERSION=
 COLMAP_REPOSITORY=https://github.com/colmap/colmap.git
 POSELIB_SOURCE=
+MPI=
 MIN_FREE_MB=1000
 
 # Everything that is used by name; all else comes as a dependency.
@@ -23,6 +24,7 @@ PACKAGES=(
 )
 # Of COLMAP 3.x, and of 4.x.
 PACKAGES_3=(libboost-filesystem-dev libboost-test-dev libflann-dev libfreeimage-dev liblz4-dev)
+PACKAGES_MPI=(libopenmpi-dev openmpi-bin)
 PACKAGES_4=(libfaiss-dev libopenimageio-dev libsuitesparse-dev openimageio-tools)
 
 die() {
@@ -38,6 +40,8 @@ common_options() {
   --colmap_version V   get COLMAP's release V, 3.8 or 4.1.1, with git clone
   --poselib_source DIR own tree of PoseLib, which COLMAP 4.x needs (default: its
                        build downloads it)
+  --mpi                also install Open MPI and build with it, for runs on several
+                       machines
   --build_path DIR     where to build (default: build in the project's folder)
   -h, --help           show this text
 OPTIONS
@@ -129,6 +133,7 @@ add_colmap_packages() {
   else
     PACKAGES+=("${PACKAGES_3[@]}")
   fi
+  [[ -z $MPI ]] || PACKAGES+=("${PACKAGES_MPI[@]}")
 }
 
 missing_packages() {
@@ -272,6 +277,7 @@ configure() {
   # Lets a clone in another folder, or of another user, hit the compiler cache.
   export CCACHE_BASEDIR=$MFIR_ROOT CCACHE_NOHASHDIR=1 CCACHE_SLOPPINESS=locale
   local arguments=(-DMFIR_COLMAP_SOURCE="$COLMAP_SOURCE")
+  [[ -z $MPI ]] || arguments+=(-DMFIR_MPI_ENABLED=ON)
   # COLMAP renames a folder of PoseLib's: in a copy.
   if [[ -n $POSELIB_SOURCE ]]; then
     rm -rf "$BUILD_PATH/poselib_source"

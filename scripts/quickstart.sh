@@ -22,6 +22,8 @@ USAGE
 
 output_path=
 while (($#)); do
+  # The only one without a value.
+  [[ $1 != --mpi ]] || { MPI=1 && shift && continue; }
   if [[ $1 == --output_path ]]; then
     [[ -n ${2-} ]] || usage_error "$1 needs a folder"
     output_path=$(realpath -m "$2")

@@ -22,6 +22,8 @@ USAGE
 
 while (($#)); do
   [[ $1 != -- ]] || { shift && break; }
+  # The only one without a value.
+  [[ $1 != --mpi ]] || { MPI=1 && shift && continue; }
   case $1:${2-} in
     --sanitize:address) PRESET=asan ;;
     --sanitize:thread) PRESET=tsan ;;

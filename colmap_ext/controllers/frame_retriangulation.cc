@@ -164,7 +164,7 @@ std::vector<NewFrame> RetriangulateAll(
                     track_options,
                     options.SingleFrameMode() ? FrameCameras(scene, estimate, i)
                                               : estimate.cameras,
-                    work_path / ("retriangulation_" + std::to_string(i)),
+                    work_path / ("retriangulation_" + models[i]->name),
                     num_threads / num_frames_at_once,
                     *models[i],
                     &result);
@@ -211,7 +211,10 @@ Retriangulation RetriangulateFrames(const MultiFrameOptions& options,
     result.models.push_back(std::move(frame.model));
     result.failures.push_back(frame.failure);
   }
+  tolerances = Concatenate(*scene.ranks, tolerances);
   result.num_frames = tolerances.size();
+  result.num_points = Sum(*scene.ranks, result.num_points);
+  result.num_observations = Sum(*scene.ranks, result.num_observations);
   result.tolerance_px = Quantile(tolerances, 0.5);
   return result;
 }

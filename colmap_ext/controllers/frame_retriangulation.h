@@ -23,7 +23,7 @@ struct Retriangulation {
   // Why a frame with a database keeps its tracks; empty for the others.
   std::vector<std::string> failures;
   size_t num_frames = 0;  // with new tracks
-  // Of all frames.
+  // Of all frames; these counts and the tolerance are those of all ranks.
   size_t num_points = 0;
   size_t num_observations = 0;
   // Epipolar tolerance, pixels: median over the frames with new tracks.

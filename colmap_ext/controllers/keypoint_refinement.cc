@@ -244,6 +244,21 @@ std::unique_ptr<host::Reconstruction> MakeModel(
   return reconstruction;
 }
 
+void SumStatistics(const Communicator& ranks, KeypointStatistics* statistics) {
+  for (size_t* count : {&statistics->num_frames,
+                        &statistics->num_before,
+                        &statistics->num_reference,
+                        &statistics->num_aligned,
+                        &statistics->num_added,
+                        &statistics->num_dropped}) {
+    *count = Sum(ranks, *count);
+  }
+  for (std::vector<size_t>* counts :
+       {&statistics->num_refined_by_camera, &statistics->num_after_by_camera}) {
+    *counts = Sum(ranks, *counts);
+  }
+}
+
 }  // namespace
 
 KeypointRefinement RefineKeypoints(const MultiFrameOptions& options,
@@ -276,6 +291,7 @@ KeypointRefinement RefineKeypoints(const MultiFrameOptions& options,
     }
     AddStatistics(frame, result.frames.back(), refinement, &result.statistics);
   }
+  SumStatistics(*scene.ranks, &result.statistics);
   return result;
 }
 

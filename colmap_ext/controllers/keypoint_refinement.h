@@ -31,7 +31,7 @@ struct KeypointStatistics {
 };
 
 struct KeypointRefinement {
-  // By frame of the scene.
+  // By frame of the scene; the statistics are those of all ranks.
   std::vector<Frame> frames;
   std::vector<std::vector<Eigen::Vector3d>> points;
   KeypointStatistics statistics;

@@ -5,11 +5,14 @@
 #include <exception>
 #include <filesystem>
 #include <iostream>
+#include <memory>
 #include <new>
 #include <string>
 
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
+#include "src/util/mpi_communicator.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 
@@ -31,31 +34,74 @@ void PrintError(const std::string& message) {
   std::cerr << line << std::endl;
 }
 
-}  // namespace
+struct Outcome {
+  int exit_code = kExitSuccess;
+  std::string message;
+};
 
-int RunCommand(const std::function<void()>& body) {
+Outcome RunBody(const std::function<void()>& body) {
   try {
-    EndCleanlyAtSignals();
-    const CleanFailures clean_failures;
     body();
-    return kExitSuccess;
+    return {};
   } catch (const Error& error) {
     WaitIfInterrupted();
-    PrintError(error.what());
-    return error.exit_code;
+    return {error.exit_code, error.what()};
   } catch (const std::bad_alloc&) {
-    PrintError("Out of memory. Select fewer frames with --frame_list_path.");
-    return kExitSolver;
+    return {kExitSolver,
+            "Out of memory. Select fewer frames with "
+            "--frame_list_path."};
   } catch (const std::filesystem::filesystem_error& error) {
     WaitIfInterrupted();
     // Outputs have their own checks: this is a path that the system rejects.
-    PrintError(std::string(error.what()) + ". Correct the path.");
-    return kExitBadInput;
+    return {kExitBadInput, std::string(error.what()) + ". Correct the path."};
   } catch (const std::exception& error) {
     WaitIfInterrupted();
-    PrintError(std::string("Unexpected failure: ") + error.what());
-    return kExitSolver;
+    return {kExitSolver, std::string("Unexpected failure: ") + error.what()};
   }
+}
+
+int Report(const Outcome& outcome) {
+  if (outcome.exit_code != kExitSuccess) PrintError(outcome.message);
+  return outcome.exit_code;
+}
+
+// The group of this process, made once: commands may run one after the other.
+ProcessGroup& Group() {
+  static const std::unique_ptr<ProcessGroup> group = JoinProcessGroup();
+  return *group;
+}
+
+}  // namespace
+
+int RunCommand(const std::function<void()>& body) {
+  return RunCommandOverRanks([&body](const Communicator& ranks) {
+    if (!ranks.IsAlone()) {
+      throw UsageError(
+          "This command runs as one process: start it without mpirun. "
+          "multi_frame_triangulator and multi_frame_intrinsics_refiner can "
+          "work as several.");
+    }
+    body();
+  });
+}
+
+int RunCommandOverRanks(const std::function<void(const Communicator&)>& body) {
+  EndCleanlyAtSignals();
+  const CleanFailures clean_failures;
+  Outcome outcome;
+  ProcessGroup* group = nullptr;
+  outcome = RunBody([&group]() { group = &Group(); });
+  if (group == nullptr) return Report(outcome);
+  ShareMachine(group->NumRanksOfMachine());
+  // The others would say the same.
+  if (!group->IsFirst()) EndSilentlyAtSignals();
+  try {
+    outcome = RunBody([&body, group]() { body(*group); });
+    if (group->Finish(&outcome.exit_code)) return Report(outcome);
+  } catch (const OtherRankFailed& failure) {
+    outcome.exit_code = failure.exit_code;
+  }
+  return outcome.exit_code;
 }
 
 }  // namespace mfir

@@ -4,6 +4,8 @@
 
 #include <functional>
 
+#include "src/util/communicator.h"
+
 namespace mfir {
 
 // Runs the body of a command and turns exceptions into a message on stderr and
@@ -13,6 +15,9 @@ int RunCommand(const std::function<void()>& body);
 
 // In FRAMES: the frames that the triangulator has taken by max_num_frames.
 constexpr const char* kFrameListName = "frame_list.txt";
+// The same for a command that can work as several processes (mpirun). If some
+// fail, one says why, and all end with its exit code.
+int RunCommandOverRanks(const std::function<void(const Communicator&)>& body);
 
 int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);

@@ -4,10 +4,12 @@
 #include <filesystem>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "colmap_ext/io/file_hash.h"
 #include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -55,6 +57,36 @@ void AddLarge(const std::string& path, Json* list) {
   list->push_back({{"path", path}, {"bytes", bytes}, {"sha256", nullptr}});
 }
 
+// Of the models of this rank's frames, side by side.
+std::vector<std::string> DescribeFrames(const Capture& capture) {
+  // One model may have all frames.
+  std::set<std::string> models;
+  std::vector<const FrameModel*> frames;
+  for (const FrameModel* frame : capture.UsedFrames()) {
+    if (models.insert(frame->model_path).second) frames.push_back(frame);
+  }
+  std::vector<std::string> lists(frames.size());
+  ParallelFor(frames.size(), -1, [&](size_t i) {
+    Json list = Json::array();
+    AddHashed(frames[i]->model_path, &list);
+    AddLarge(frames[i]->database_path, &list);
+    lists[i] = list.dump(-1, ' ', false, Json::error_handler_t::replace);
+  });
+  return lists;
+}
+
+// Adds the lists of all ranks, each once.
+Json AddOfFrames(const Communicator& ranks,
+                 const std::vector<std::string>& lists,
+                 Json all) {
+  std::set<std::string> added;
+  for (const std::string& list : Concatenate(ranks, lists)) {
+    if (!added.insert(list).second) continue;
+    for (const Json& file : Json::parse(list)) all.push_back(file);
+  }
+  return all;
+}
+
 }  // namespace
 
 Json DescribeFiles(const RefinerOptions& options, const Capture& capture) {
@@ -67,14 +99,7 @@ Json DescribeFiles(const RefinerOptions& options, const Capture& capture) {
     AddHashed(path, &list);
   }
   AddLarge(options.multi_frame.features.database_path, &list);
-  // One model may have all frames.
-  std::set<std::string> models;
-  for (const FrameModel* frame : capture.UsedFrames()) {
-    if (!models.insert(frame->model_path).second) continue;
-    AddHashed(frame->model_path, &list);
-    AddLarge(frame->database_path, &list);
-  }
-  return list;
+  return AddOfFrames(*capture.ranks, DescribeFrames(capture), std::move(list));
 }
 
 }  // namespace mfir

@@ -15,6 +15,7 @@
 #include "colmap_ext/controllers/stage_progress.h"
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/triangulator_inputs.h"
+#include "colmap_ext/frames/capture_videos.h"
 #include "colmap_ext/frames/frame_database.h"
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/util.h"
@@ -234,7 +235,8 @@ std::string ProcessFrame(const TriangulatorOptions& options,
 
 void ProcessFrames(const TriangulatorOptions& options,
                    TriangulatorInputs* inputs) {
-  const int num_threads = host::GetEffectiveNumThreads(options.num_threads);
+  const int num_threads =
+      options.num_threads > 0 ? options.num_threads : NumThreadsOfMachine();
   const int num_frames_at_once =
       std::min<int>(num_threads, inputs->frames.size());
   std::atomic<size_t> num_done = 0;
@@ -264,6 +266,17 @@ void ProcessFrames(const TriangulatorOptions& options,
   });
 }
 
+// Every n-th: frames that an earlier run has finished lie together, and so the
+// rest is shared out evenly.
+std::vector<InputFrame> FramesOfRank(const Communicator& ranks,
+                                     std::vector<InputFrame> frames) {
+  std::vector<InputFrame> own;
+  for (size_t i = ranks.Rank(); i < frames.size(); i += ranks.NumRanks()) {
+    own.push_back(std::move(frames[i]));
+  }
+  return own;
+}
+
 void CreateOutputFolder(const std::string& path) {
   std::error_code error;
   fs::create_directories(path, error);
@@ -276,7 +289,14 @@ void CreateOutputFolder(const std::string& path) {
 // What max_num_frames has chosen, for --frame_list_path. Frames of an earlier
 // run may lie beside them.
 void WriteFrameList(const TriangulatorOptions& options,
+                    const Communicator& ranks,
                     const std::vector<InputFrame>& frames) {
+  std::vector<std::string> names;
+  for (const InputFrame& frame : frames) {
+    if (frame.failure.empty()) names.push_back(frame.name);
+  }
+  names = Concatenate(ranks, names);
+  if (!ranks.IsFirst()) return;
   const fs::path path = fs::path(options.output_path) / kFrameListName;
   if (options.max_num_frames == 0) {
     std::error_code ignored;
@@ -284,9 +304,7 @@ void WriteFrameList(const TriangulatorOptions& options,
     return;
   }
   std::ofstream file(path);
-  for (const InputFrame& frame : frames) {
-    if (frame.failure.empty()) file << frame.name << "\n";
-  }
+  for (const std::string& name : names) file << name << "\n";
   file.close();
   if (!file) {
     throw OutputError(path.string() + ": cannot write. Is the disk full?");
@@ -294,23 +312,24 @@ void WriteFrameList(const TriangulatorOptions& options,
 }
 
 // What failed goes to stderr also when the progress is not shown.
-void ReportFailures(const std::vector<InputFrame>& frames) {
-  const InputFrame* first_failed = nullptr;
-  size_t num_failed = 0;
+void ReportFailures(const Communicator& ranks,
+                    const std::vector<InputFrame>& frames) {
+  std::vector<std::string> names;
+  std::vector<std::string> failures;
   for (const InputFrame& frame : frames) {
     if (frame.failure.empty()) continue;
-    if (first_failed == nullptr) first_failed = &frame;
-    ++num_failed;
+    names.push_back(frame.name);
+    failures.push_back(frame.failure);
   }
-  if (num_failed == frames.size()) {
+  names = Concatenate(ranks, names);
+  failures = Concatenate(ranks, failures);
+  if (names.size() == Sum(ranks, frames.size())) {
     throw InputError("No frame could be triangulated. The first, '" +
-                     first_failed->name + "': " + first_failed->failure);
+                     names.front() + "': " + failures.front());
   }
-  for (const InputFrame& frame : frames) {
-    if (!frame.failure.empty()) {
-      std::cerr << "WARNING: frame '" << frame.name
-                << "' is left out: " << frame.failure << std::endl;
-    }
+  for (size_t i = 0; ranks.IsFirst() && i < names.size(); ++i) {
+    std::cerr << "WARNING: frame '" << names[i]
+              << "' is left out: " << failures[i] << std::endl;
   }
 }
 
@@ -325,7 +344,7 @@ void ChooseDevice(TriangulatorOptions* options) {
 }  // namespace
 
 int RunMultiFrameTriangulator(int argc, char** argv) {
-  return RunCommand([argc, argv]() {
+  return RunCommandOverRanks([argc, argv](const Communicator& ranks) {
     TriangulatorOptions options;
     OptionParser parser;
     parser.SetHelp(
@@ -337,15 +356,21 @@ int RunMultiFrameTriangulator(int argc, char** argv) {
     parser.Parse(argc, argv);
     ChooseDevice(&options);
     options.Check();
+    LimitThreads(options.num_threads);
+    if (!ranks.IsAlone() && HasVideosOnly(options.image_path)) {
+      throw UsageError(
+          "Several processes cannot decode videos together: run one process.");
+    }
     TriangulatorInputs inputs = ReadTriangulatorInputs(options, parser);
     CreateOutputFolder(options.output_path);
-    if (!options.quiet) {
+    if (!options.quiet && ranks.IsFirst()) {
       std::cout << inputs.frames.size() << " frames, " << inputs.pairs.size()
                 << " pairs of cameras overlap" << std::endl;
     }
+    inputs.frames = FramesOfRank(ranks, std::move(inputs.frames));
     ProcessFrames(options, &inputs);
-    WriteFrameList(options, inputs.frames);
-    ReportFailures(inputs.frames);
+    WriteFrameList(options, ranks, inputs.frames);
+    ReportFailures(ranks, inputs.frames);
   });
 }
 

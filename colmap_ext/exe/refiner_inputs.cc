@@ -27,8 +27,8 @@ void LogCapture(const Rig& rig,
       capture.cameras.size(),
       rig.cameras.size(),
       rig.format.c_str(),
-      capture.NumUsedFrames(),
-      capture.frames.size()));
+      Sum(*capture.ranks, capture.NumUsedFrames()),
+      Sum(*capture.ranks, capture.frames.size())));
   for (const std::string& name : capture.cameras_without_images) {
     progress.Log("Left out: camera '" + name + "' of the rig has no image");
   }
@@ -118,6 +118,7 @@ std::vector<CameraIntrinsics> ReadTrueCameras(const RefinerOptions& options) {
 }  // namespace
 
 RefinerInputs ReadInputs(const RefinerOptions& options,
+                         const Communicator& ranks,
                          const OutputFolder& output,
                          Progress* progress) {
   const MultiFrameOptions& multi_frame = options.multi_frame;
@@ -130,12 +131,18 @@ RefinerInputs ReadInputs(const RefinerOptions& options,
   inputs.rig.scale_intrinsics = options.scale_intrinsics;
   for (const std::string& remark : inputs.rig.remarks) progress->Log(remark);
   inputs.true_cameras = ReadTrueCameras(options);
-  Capture capture = ReadCapture(
-      options.input_path, options.frame_list_path, inputs.rig, multi_frame);
+  Capture capture = ReadCapture(options.input_path,
+                                options.frame_list_path,
+                                inputs.rig,
+                                multi_frame,
+                                ranks);
   output.CheckKeeps(ModelPaths(capture));
   LogCapture(inputs.rig, capture, *progress);
-  WarnOfUnmatchedNames(
-      capture.cameras_without_images, capture.image_of_unknown_name, std::cerr);
+  if (ranks.IsFirst()) {
+    WarnOfUnmatchedNames(capture.cameras_without_images,
+                         capture.image_of_unknown_name,
+                         std::cerr);
+  }
   if (multi_frame.featuremetric_weight > 0.0 &&
       multi_frame.dense_features == "none") {
     progress->Log(std::string(options.image_path.empty()

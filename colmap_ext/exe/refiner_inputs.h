@@ -29,6 +29,7 @@ struct RefinerInputs {
 // Logs and warns of what is left out. Throws InputError, UsageError, and
 // OutputError where `output` would replace an input.
 RefinerInputs ReadInputs(const RefinerOptions& options,
+                         const Communicator& ranks,
                          const OutputFolder& output,
                          Progress* progress);
 

@@ -150,11 +150,8 @@ CaptureImages FindVideoFrames(const TriangulatorOptions& options,
       std::to_string(frames.size()) + " frames to decode to " +
       options.output_path);
   return {"",
-          DecodeVideos(videos,
-                       frames,
-                       options.output_path,
-                       host::GetEffectiveNumThreads(options.num_threads),
-                       log),
+          DecodeVideos(
+              videos, frames, options.output_path, options.num_threads, log),
           {}};
 }
 

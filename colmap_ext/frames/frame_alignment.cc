@@ -1,12 +1,16 @@
 // Alignment of the frames to the rig.
 
+#include <algorithm>
 #include <map>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "colmap_ext/frames/frames.h"
 #include "src/geometry/alignment.h"
 #include "src/geometry/pose_conventions.h"
 #include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -30,12 +34,24 @@ FramePoses PosesOf(const FrameModel& frame, const Capture& capture) {
 // them somehow as it is: arrays whose cameras lie nearly in a plane look like
 // their mirror images.
 void CheckPoseConvention(const Capture& capture) {
+  const std::vector<const FrameModel*> frames = capture.UsedFrames();
+  std::vector<const PoseConvention*> found(frames.size());
+  ParallelFor(frames.size(), -1, [&](size_t i) {
+    const FramePoses poses = PosesOf(*frames[i], capture);
+    found[i] = FindPoseConvention(poses.frame, poses.rig);
+  });
   std::map<const PoseConvention*, size_t> num_frames;
-  for (const FrameModel& frame : capture.frames) {
-    if (!frame.skip_reason.empty()) continue;
-    const FramePoses poses = PosesOf(frame, capture);
-    ++num_frames[FindPoseConvention(poses.frame, poses.rig)];
-  }
+  for (const PoseConvention* convention : found) ++num_frames[convention];
+  // Over ranks it is for those most of whose frames say so, if they have most
+  // of the frames.
+  const bool says_so =
+      std::any_of(num_frames.begin(), num_frames.end(), [&](const auto& count) {
+        return count.first != nullptr &&
+               2 * count.second > capture.NumUsedFrames();
+      });
+  const size_t num_saying =
+      Sum(*capture.ranks, says_so ? capture.NumUsedFrames() : size_t{0});
+  if (2 * num_saying <= Sum(*capture.ranks, capture.NumUsedFrames())) return;
   for (const auto& [convention, num] : num_frames) {
     if (convention == nullptr || 2 * num <= capture.NumUsedFrames()) continue;
     throw InputError("The known extrinsics fit " + std::to_string(num) +
@@ -51,23 +67,26 @@ Capture AlignFrames(const Similarity3& new_from_rig, Capture capture) {
   CheckPoseConvention(capture);
   capture.new_from_rig = new_from_rig;
   std::string first_failure;
-  for (FrameModel& frame : capture.frames) {
-    if (!frame.skip_reason.empty()) continue;
+  std::vector<std::string> failures(capture.frames.size());
+  ParallelFor(capture.frames.size(), -1, [&](size_t i) {
+    FrameModel& frame = capture.frames[i];
+    if (!frame.skip_reason.empty()) return;
     const FramePoses poses = PosesOf(frame, capture);
     const PoseAlignment alignment = AlignPoses(poses.frame, poses.rig);
     if (!alignment.failure.empty()) {
+      failures[i] = "frame '" + frame.name + "': " + alignment.failure;
       frame.skip_reason = alignment.failure;
       frame.reconstruction.reset();
-      if (first_failure.empty()) {
-        first_failure = "frame '" + frame.name + "': " + alignment.failure;
-      }
-      continue;
+      return;
     }
     frame.alignment_rms = alignment.rms_center_error;
     host::TransformReconstruction(new_from_rig * alignment.target_from_source,
                                   frame.reconstruction.get());
+  });
+  for (const std::string& failure : failures) {
+    if (first_failure.empty()) first_failure = failure;
   }
-  if (capture.NumUsedFrames() == 0) {
+  if (Sum(*capture.ranks, capture.NumUsedFrames()) == 0) {
     throw InputError("No frame can be aligned to the known extrinsics (" +
                      first_failure + "). Is it the RIG of this array?");
   }

@@ -6,6 +6,8 @@
 #include "colmap_ext/frames/frames.h"
 #include "colmap_ext/io/camera_models.h"
 #include "src/geometry/alignment.h"
+#include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -17,6 +19,86 @@ bool IsBefore(const Observation& a, const Observation& b) {
         observation.image_idx, observation.xy.x(), observation.xy.y());
   };
   return key(a) < key(b);
+}
+
+void SetLenses(const FrameModel& model, std::vector<RigCamera>* cameras) {
+  for (const auto& [camera_idx, image_id] : model.image_ids) {
+    const host::Camera& camera = model.reconstruction->Camera(
+        model.reconstruction->Image(image_id).CameraId());
+    (*cameras)[camera_idx].model = FindCameraModel(host::ModelId(camera));
+    (*cameras)[camera_idx].width = host::Width(camera);
+    (*cameras)[camera_idx].height = host::Height(camera);
+  }
+}
+
+void BuildFrame(const FrameModel& model,
+                Frame* frame,
+                FrameEstimate* estimate) {
+  const host::Reconstruction& reconstruction = *model.reconstruction;
+  frame->name = model.name;
+  std::map<host::image_t, size_t> image_idxs;
+  for (const auto& [camera_idx, image_id] : model.image_ids) {
+    const host::Image& image = reconstruction.Image(image_id);
+    image_idxs[image_id] = frame->images.size();
+    frame->images.push_back({camera_idx, image.Name()});
+    estimate->images.push_back(
+        {host::CamFromWorld(image),
+         host::Params(reconstruction.Camera(image.CameraId()))});
+  }
+  for (const host::point3D_t point_id : SortedPointIds(reconstruction)) {
+    const host::Point3D& point = reconstruction.Point3D(point_id);
+    estimate->points.push_back(host::Xyz(point));
+    for (const host::TrackElement& element : host::TrackOf(point).Elements()) {
+      const host::Image& image = reconstruction.Image(element.image_id);
+      frame->observations.push_back(
+          {image_idxs.at(element.image_id),
+           host::Xy(image.Point2D(element.point2D_idx)),
+           element.point2D_idx});
+    }
+    std::sort(frame->observations.begin() + frame->track_begins.back(),
+              frame->observations.end(),
+              IsBefore);
+    frame->track_begins.push_back(frame->observations.size());
+  }
+}
+
+// Of a camera, as a rank has seen it in its frames.
+std::string DescribeLens(const RigCamera& camera) {
+  if (camera.model == nullptr) return "";
+  return camera.model->Name() + ", " + std::to_string(camera.width) + " x " +
+         std::to_string(camera.height) + " pixels";
+}
+
+// Gives all ranks the lenses of cameras that only others have images of.
+void ShareLenses(const Communicator& ranks, std::vector<RigCamera>* cameras) {
+  if (ranks.IsAlone()) return;
+  std::vector<std::string> names;
+  std::vector<std::string> lenses;
+  std::vector<size_t> sizes;
+  for (const RigCamera& camera : *cameras) {
+    names.push_back(camera.model == nullptr ? "" : camera.model->Name());
+    lenses.push_back(DescribeLens(camera));
+    sizes.push_back(camera.width);
+    sizes.push_back(camera.height);
+  }
+  names = Concatenate(ranks, names);
+  lenses = Concatenate(ranks, lenses);
+  sizes = Concatenate(ranks, sizes);
+  for (size_t i = 0; i < names.size(); ++i) {
+    if (names[i].empty()) continue;
+    RigCamera& camera = (*cameras)[i % cameras->size()];
+    if (camera.model == nullptr) {
+      camera.model = FindCameraModel(names[i]);
+      camera.width = sizes[2 * i];
+      camera.height = sizes[2 * i + 1];
+    } else if (DescribeLens(camera) != lenses[i]) {
+      throw InputError("Camera '" + camera.name + "' differs between frames: " +
+                       DescribeLens(camera) + ", and " + lenses[i] +
+                       ". Leave the frames of one kind out with "
+                       "--frame_list_path, or convert all with "
+                       "--MultiFrame.camera_model.");
+    }
+  }
 }
 
 }  // namespace
@@ -33,6 +115,7 @@ std::vector<host::point3D_t> SortedPointIds(
 
 SceneEstimate BuildScene(const Capture& capture) {
   SceneEstimate result;
+  result.scene.ranks = capture.ranks;
   std::vector<RigCamera>& cameras = result.scene.cameras;
   for (const KnownCamera& known : capture.cameras) {
     RigCamera& camera = cameras.emplace_back();
@@ -40,41 +123,14 @@ SceneEstimate BuildScene(const Capture& capture) {
     camera.cam_from_world =
         TransformPose(capture.new_from_rig, known.cam_from_world);
   }
-  for (const FrameModel& model : capture.frames) {
-    if (!model.skip_reason.empty()) continue;
-    const host::Reconstruction& reconstruction = *model.reconstruction;
-    Frame& frame = result.scene.frames.emplace_back();
-    FrameEstimate& estimate = result.estimate.frames.emplace_back();
-    frame.name = model.name;
-    std::map<host::image_t, size_t> image_idxs;
-    for (const auto& [camera_idx, image_id] : model.image_ids) {
-      const host::Image& image = reconstruction.Image(image_id);
-      const host::Camera& camera = reconstruction.Camera(image.CameraId());
-      cameras[camera_idx].model = FindCameraModel(host::ModelId(camera));
-      cameras[camera_idx].width = host::Width(camera);
-      cameras[camera_idx].height = host::Height(camera);
-      image_idxs[image_id] = frame.images.size();
-      frame.images.push_back({camera_idx, image.Name()});
-      estimate.images.push_back(
-          {host::CamFromWorld(image), host::Params(camera)});
-    }
-    for (const host::point3D_t point_id : SortedPointIds(reconstruction)) {
-      const host::Point3D& point = reconstruction.Point3D(point_id);
-      estimate.points.push_back(host::Xyz(point));
-      for (const host::TrackElement& element :
-           host::TrackOf(point).Elements()) {
-        const host::Image& image = reconstruction.Image(element.image_id);
-        frame.observations.push_back(
-            {image_idxs.at(element.image_id),
-             host::Xy(image.Point2D(element.point2D_idx)),
-             element.point2D_idx});
-      }
-      std::sort(frame.observations.begin() + frame.track_begins.back(),
-                frame.observations.end(),
-                IsBefore);
-      frame.track_begins.push_back(frame.observations.size());
-    }
-  }
+  const std::vector<const FrameModel*> models = capture.UsedFrames();
+  for (const FrameModel* model : models) SetLenses(*model, &cameras);
+  result.scene.frames.resize(models.size());
+  result.estimate.frames.resize(models.size());
+  ParallelFor(models.size(), -1, [&](size_t i) {
+    BuildFrame(*models[i], &result.scene.frames[i], &result.estimate.frames[i]);
+  });
+  ShareLenses(*capture.ranks, &cameras);
   result.estimate.cameras = cameras;
   return result;
 }

@@ -1,8 +1,8 @@
 #include "colmap_ext/frames/frames.h"
 
 #include <algorithm>
+#include <exception>
 #include <filesystem>
-#include <set>
 #include <utility>
 
 #include "colmap_ext/frames/frame_source.h"
@@ -13,6 +13,7 @@
 #include "src/scene/frame_choice.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -173,6 +174,115 @@ void MatchFrame(const CameraNaming& naming,
   }
 }
 
+// Of the frames' indices: those of this rank, about as many for each.
+std::pair<size_t, size_t> FramesOfRank(size_t num_frames,
+                                       const Communicator& ranks) {
+  const auto num_ranks = static_cast<size_t>(ranks.NumRanks());
+  const auto rank = static_cast<size_t>(ranks.Rank());
+  if (num_frames < num_ranks) {
+    throw UsageError(std::to_string(num_ranks) + " processes for " +
+                     std::to_string(num_frames) +
+                     " frames: start no more processes than frames.");
+  }
+  return {num_frames * rank / num_ranks, num_frames * (rank + 1) / num_ranks};
+}
+
+void LogFrame(const FrameModel& frame, size_t idx, size_t num_frames) {
+  std::cout << host::StringPrintf(
+      "Frame %zu / %zu '%s': ", idx + 1, num_frames, frame.name.c_str());
+  if (frame.skip_reason.empty()) {
+    std::cout << frame.image_ids.size() << " images, "
+              << frame.reconstruction->NumPoints3D() << " points" << std::endl;
+  } else {
+    std::cout << "skipped: " << frame.skip_reason << std::endl;
+  }
+}
+
+// Models are read some at a time, side by side; all else is done in the order
+// of the frames, errors included.
+void ReadFrames(const MultiFrameOptions& options,
+                const Rig& rig,
+                const CameraModel* target_model,
+                const std::map<std::string, size_t>& camera_idxs,
+                const FrameSource& source,
+                Capture* capture) {
+  const CameraNaming naming(options.camera_name_regex);
+  const std::vector<size_t> chosen =
+      ChooseFrames(source.Names().size(), options.max_num_frames);
+  const size_t num_frames = chosen.size();
+  if (num_frames < source.Names().size() && !options.quiet &&
+      capture->ranks->IsFirst()) {
+    std::cout << num_frames << " of " << source.Names().size()
+              << " frames are used (max_num_frames)" << std::endl;
+  }
+  const auto range = FramesOfRank(num_frames, *capture->ranks);
+  const int num_threads = options.EffectiveNumThreads();
+  const auto num_at_once = static_cast<size_t>(2 * num_threads);
+  for (size_t first = range.first; first < range.second; first += num_at_once) {
+    const size_t num = std::min(num_at_once, range.second - first);
+    std::vector<FrameModel> frames(num);
+    std::vector<std::exception_ptr> failures(num);
+    ParallelFor(num, num_threads, [&](size_t i) {
+      try {
+        frames[i] = source.Read(chosen[first + i]);
+      } catch (...) {
+        failures[i] = std::current_exception();
+      }
+    });
+    for (size_t i = 0; i < num; ++i) {
+      if (failures[i]) std::rethrow_exception(failures[i]);
+      FrameModel& frame = frames[i];
+      MatchFrame(naming, camera_idxs, target_model, &frame, capture);
+      if (frame.reconstruction != nullptr) {
+        if (rig.scale_intrinsics) ScaleCameras(frame, &capture->cameras);
+        CheckCameras(frame, capture->frames, capture->cameras);
+      }
+      if (!options.quiet) LogFrame(frame, first + i, num_frames);
+      if (!frame.skip_reason.empty()) frame.reconstruction.reset();
+      capture->frames.push_back(std::move(frame));
+    }
+  }
+}
+
+// Those of all ranks, on all of them.
+void ShareUnmatchedImages(Capture* capture) {
+  capture->images_without_camera =
+      Concatenate(*capture->ranks, capture->images_without_camera);
+  std::vector<std::string> names;
+  std::vector<std::string> images;
+  for (const auto& [name, image] : capture->image_of_unknown_name) {
+    names.push_back(name);
+    images.push_back(image);
+  }
+  names = Concatenate(*capture->ranks, names);
+  images = Concatenate(*capture->ranks, images);
+  for (size_t i = 0; i < names.size(); ++i) {
+    capture->image_of_unknown_name.emplace(names[i], images[i]);
+  }
+}
+
+void CheckAnyFrameIsUsed(const std::string& frames_path,
+                         const Capture& capture) {
+  const bool any_match = std::any_of(
+      capture.frames.begin(), capture.frames.end(), [](const auto& frame) {
+        return !frame.image_ids.empty();
+      });
+  if (!Any(*capture.ranks, any_match) &&
+      !capture.images_without_camera.empty()) {
+    throw InputError(
+        "No image of any frame belongs to a camera of RIG: image '" +
+        capture.images_without_camera.front() + "', camera '" +
+        capture.cameras.front().name +
+        "'. Is it the RIG of this array? Otherwise set "
+        "--MultiFrame.camera_name_regex so that both give the same names.");
+  }
+  if (Sum(*capture.ranks, capture.NumUsedFrames()) == 0) {
+    throw InputError("No frame in " + frames_path + " is usable; the first, '" +
+                     capture.frames.front().name + "', is not because " +
+                     capture.frames.front().skip_reason + ".");
+  }
+}
+
 }  // namespace
 
 std::vector<std::string> ListFrames(const std::string& option_name,
@@ -218,17 +328,18 @@ std::vector<std::string> ListFrames(const std::string& option_name,
 }
 
 Capture RemoveCamerasWithoutImages(Capture capture) {
-  std::set<size_t> used;
+  std::vector<bool> used(capture.cameras.size(), false);
   for (const FrameModel& frame : capture.frames) {
     if (!frame.skip_reason.empty()) continue;
     for (const auto& idx_and_image : frame.image_ids) {
-      used.insert(idx_and_image.first);
+      used[idx_and_image.first] = true;
     }
   }
+  used = Any(*capture.ranks, used);
   std::vector<KnownCamera> cameras;
   std::map<size_t, size_t> new_idxs;
   for (size_t i = 0; i < capture.cameras.size(); ++i) {
-    if (used.count(i) > 0) {
+    if (used[i]) {
       new_idxs[i] = cameras.size();
       cameras.push_back(capture.cameras[i]);
     } else {
@@ -261,7 +372,8 @@ std::vector<const FrameModel*> Capture::UsedFrames() const {
 Capture ReadCapture(const std::string& frames_path,
                     const std::string& frame_list_path,
                     const Rig& rig,
-                    const MultiFrameOptions& options) {
+                    const MultiFrameOptions& options,
+                    const Communicator& ranks) {
   const CameraModel* target_model = nullptr;
   if (!options.camera_model.empty()) {
     target_model = FindCameraModel(options.camera_model);
@@ -283,55 +395,12 @@ Capture ReadCapture(const std::string& frames_path,
     camera_idxs[capture.cameras[i].name] = i;
   }
 
-  const CameraNaming naming(options.camera_name_regex);
   const std::unique_ptr<FrameSource> source = OpenFrames(
       frames_path, frame_list_path, options.frame_name_regex, capture.cameras);
-  const std::vector<size_t> chosen =
-      ChooseFrames(source->Names().size(), options.max_num_frames);
-  if (chosen.size() < source->Names().size() && !options.quiet) {
-    std::cout << chosen.size() << " of " << source->Names().size()
-              << " frames are used (max_num_frames)" << std::endl;
-  }
-  bool any_match = false;
-  for (const size_t idx : chosen) {
-    FrameModel frame = source->Read(idx);
-    MatchFrame(naming, camera_idxs, target_model, &frame, &capture);
-    any_match = any_match || !frame.image_ids.empty();
-    if (frame.reconstruction != nullptr) {
-      if (rig.scale_intrinsics) ScaleCameras(frame, &capture.cameras);
-      CheckCameras(frame, capture.frames, capture.cameras);
-    }
-    if (!options.quiet) {
-      std::cout << host::StringPrintf("Frame %zu / %zu '%s': ",
-                                      capture.frames.size() + 1,
-                                      chosen.size(),
-                                      frame.name.c_str());
-      if (frame.skip_reason.empty()) {
-        std::cout << frame.image_ids.size() << " images, "
-                  << frame.reconstruction->NumPoints3D() << " points"
-                  << std::endl;
-      } else {
-        std::cout << "skipped: " << frame.skip_reason << std::endl;
-      }
-    }
-    if (!frame.skip_reason.empty()) {
-      frame.reconstruction.reset();
-    }
-    capture.frames.push_back(std::move(frame));
-  }
-  if (!any_match && !capture.images_without_camera.empty()) {
-    throw InputError(
-        "No image of any frame belongs to a camera of RIG: image '" +
-        capture.images_without_camera.front() + "', camera '" +
-        capture.cameras.front().name +
-        "'. Is it the RIG of this array? Otherwise set "
-        "--MultiFrame.camera_name_regex so that both give the same names.");
-  }
-  if (capture.NumUsedFrames() == 0) {
-    throw InputError("No frame in " + frames_path + " is usable; the first, '" +
-                     capture.frames.front().name + "', is not because " +
-                     capture.frames.front().skip_reason + ".");
-  }
+  capture.ranks = &ranks;
+  ReadFrames(options, rig, target_model, camera_idxs, *source, &capture);
+  ShareUnmatchedImages(&capture);
+  CheckAnyFrameIsUsed(frames_path, capture);
   return RemoveCamerasWithoutImages(std::move(capture));
 }
 

@@ -14,6 +14,7 @@
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 #include "src/sensor/unmatched_names.h"
+#include "src/util/communicator.h"
 
 namespace mfir {
 
@@ -45,6 +46,8 @@ struct Capture {
   std::vector<std::string> cameras_without_images;
   std::vector<std::string> images_without_camera;  // "FRAME/IMAGE"
   ImageOfName image_of_unknown_name;               // of the latter
+  // Each has a run of the capture's frames, and all have the same cameras.
+  const Communicator* ranks = &Alone();
 
   // Those that take part, as Scene::frames.
   std::vector<const FrameModel*> UsedFrames() const;
@@ -66,12 +69,17 @@ std::vector<std::string> ListFrames(const std::string& option_name,
 // the list that does not exist, unreadable models, two images of a frame with
 // the same camera, camera models or image sizes of a camera that differ between
 // frames or from RIG, no image of any camera of the rig, no usable frame.
+//
+// Over ranks each reads its share of the frames; UsageError if there are fewer
+// frames than ranks.
 Capture ReadCapture(const std::string& frames_path,
                     const std::string& frame_list_path,
                     const Rig& rig,
-                    const MultiFrameOptions& options);
+                    const MultiFrameOptions& options,
+                    const Communicator& ranks = Alone());
 
-// Without cameras that no used frame has; the others are renumbered.
+// Without cameras that no used frame of any rank has; the others are
+// renumbered.
 Capture RemoveCamerasWithoutImages(Capture capture);
 
 // The capture with each frame robustly (AlignPoses) moved into the coordinates
@@ -88,6 +96,7 @@ std::vector<host::point3D_t> SortedPointIds(
 // frames' reconstructions have. Ordered by camera, image and point id, so that
 // the order on disk does not matter. Intrinsics of the rig's cameras are not
 // set.
+// Throws InputError if cameras differ between ranks.
 SceneEstimate BuildScene(const Capture& capture);
 
 // The reconstruction of the frame scene.frames[frame_idx] with what was

@@ -74,9 +74,13 @@ OutputFolder::OutputFolder(const std::string& path,
   }
 }
 
+OutputFolder::OutputFolder(const std::string& path,
+                           const std::vector<std::string>& names)
+    : path_(path), names_(names), temporary_path_(path_ / ".unfinished") {}
+
 OutputFolder::~OutputFolder() {
   removed_at_end_.reset();
-  close(lock_);
+  if (lock_ >= 0) close(lock_);
 }
 
 void OutputFolder::CheckApart(

@@ -32,6 +32,10 @@ class OutputFolder {
                const std::vector<std::string>& names,
                const std::string& frames_path,
                const std::vector<std::string>& input_paths);
+
+  // The folder that another process has made and will publish: this one may
+  // write to its temporary folder, too.
+  OutputFolder(const std::string& path, const std::vector<std::string>& names);
   ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;

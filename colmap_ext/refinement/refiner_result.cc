@@ -116,7 +116,8 @@ void MeasureRms(const Scene& scene,
                 const std::vector<double>& residuals_before,
                 const std::vector<double>& residuals_after,
                 RefinerResult* result) {
-  const double max_squared = MaxInlierSquaredResidual(residuals_after);
+  const double max_squared =
+      MaxInlierSquaredResidual(residuals_after, *scene.ranks);
   result->max_inlier_px = std::sqrt(max_squared);
   std::vector<bool> inliers;
   for (const double squared : residuals_after) {

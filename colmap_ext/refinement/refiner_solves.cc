@@ -32,13 +32,17 @@ Estimate RunSchedule(const MultiFrameOptions& options,
       .Run(callback, capture, scene, std::move(start));
 }
 
+// Any rank.
 bool HasDatabases(const Capture& capture) {
-  return std::any_of(
-      capture.frames.begin(), capture.frames.end(), [](const auto& frame) {
-        return frame.skip_reason.empty() && !frame.database_path.empty();
-      });
+  return Any(
+      *capture.ranks,
+      std::any_of(
+          capture.frames.begin(), capture.frames.end(), [](const auto& frame) {
+            return frame.skip_reason.empty() && !frame.database_path.empty();
+          }));
 }
 
+// Of all ranks.
 void CountTracks(const Scene& scene,
                  size_t* num_points,
                  size_t* num_observations) {
@@ -46,21 +50,22 @@ void CountTracks(const Scene& scene,
     *num_points += frame.NumPoints();
     *num_observations += frame.observations.size();
   }
+  *num_points = Sum(*scene.ranks, *num_points);
+  *num_observations = Sum(*scene.ranks, *num_observations);
 }
 
 void LogRetriangulation(const Retriangulation& tracks,
                         const Scene& scene,
                         const std::string& round,
+                        size_t num_points_before,
+                        size_t num_observations_before,
                         const Progress& progress) {
-  size_t num_points_before = 0;
-  size_t num_observations_before = 0;
-  CountTracks(scene, &num_points_before, &num_observations_before);
   progress.Log(host::StringPrintf(
       "Round %s: new tracks in %zu of %zu frames, %zu points (before %zu), "
       "track length %.2f (%.2f), tolerance %.1f px",
       round.c_str(),
       tracks.num_frames,
-      scene.frames.size(),
+      Sum(*scene.ranks, scene.frames.size()),
       tracks.num_points,
       num_points_before,
       static_cast<double>(tracks.num_observations) / tracks.num_points,
@@ -147,12 +152,13 @@ SceneEstimate FitTracks(const MultiFrameOptions& options,
     fitted.estimate.frames[f].images = refined.frames[f].images;
     is_empty = is_empty && fitted.scene.frames[f].NumPoints() == 0;
   }
-  if (is_empty) return fitted;
+  if (!Any(*tracks.scene.ranks, !is_empty)) return fitted;
   fitted.estimate =
       FitPoints(options, fitted.scene, std::move(fitted.estimate));
   return fitted;
 }
 
+// By any rank.
 std::vector<bool> ObservedCameras(const Scene& scene) {
   std::vector<bool> observed(scene.cameras.size(), false);
   for (const Frame& frame : scene.frames) {
@@ -160,7 +166,7 @@ std::vector<bool> ObservedCameras(const Scene& scene) {
       observed[frame.images[observation.image_idx].camera_idx] = true;
     }
   }
-  return observed;
+  return Any(*scene.ranks, observed);
 }
 
 }  // namespace
@@ -170,8 +176,10 @@ Start EvaluateStart(const MultiFrameOptions& options, SceneEstimate start) {
   std::vector<double> stds_px = RobustStdByCamera(
       scene,
       SquaredResiduals(scene, start.estimate, options.SingleFrameMode()));
-  std::vector<double> own_stds_px =
-      RobustStdByCamera(scene, OwnSquaredResiduals(scene, start.estimate));
+  std::vector<double> own_stds_px = RobustStdByCamera(
+      scene,
+      OwnSquaredResiduals(
+          scene, start.estimate, options.EffectiveNumThreads()));
   return {std::move(start.scene),
           std::move(start.estimate),
           std::move(stds_px),
@@ -200,8 +208,10 @@ SelectedTracks SelectTracks(const MultiFrameOptions& options,
   selected.selection =
       HoldOutTracks(options.held_out_share,
                     scene,
-                    SelectStaticPoints(
-                        options.static_points, scene, &selected.static_points));
+                    SelectStaticPoints(options.static_points,
+                                       scene,
+                                       &selected.static_points,
+                                       options.EffectiveNumThreads()));
   return selected;
 }
 
@@ -252,14 +262,16 @@ Tracks RetriangulateInRounds(const MultiFrameOptions& options,
                                                           tracks.estimate);
     tracks.capture = LeaveUnusableDatabases(
         retriangulation.failures, *progress, std::move(tracks.capture));
+    size_t num_points = 0;
+    size_t num_observations = 0;
+    CountTracks(tracks.scene, &num_points, &num_observations);
     LogRetriangulation(
         retriangulation,
         tracks.scene,
         std::to_string(round) + " / " + std::to_string(num_rounds),
+        num_points,
+        num_observations,
         *progress);
-    size_t num_points = 0;
-    size_t num_observations = 0;
-    CountTracks(tracks.scene, &num_points, &num_observations);
     const bool is_better =
         retriangulation.tolerance_px < (1.0 - kMinImprovement) * tolerance_px ||
         retriangulation.num_observations >
@@ -297,7 +309,7 @@ Tracks RefineKeypoints(const MultiFrameOptions& options,
       "Keypoints refined in %zu of %zu frames: of %zu observations %zu "
       "aligned, %zu reference, %zu dropped; %zu added",
       statistics.num_frames,
-      tracks.scene.frames.size(),
+      Sum(*tracks.scene.ranks, tracks.scene.frames.size()),
       statistics.num_before,
       statistics.num_aligned,
       statistics.num_reference,
@@ -350,8 +362,10 @@ RefinedTracks RefineTracks(const MultiFrameOptions& options,
     const SceneEstimate others = FitTracks(
         options, tracks, selection, role, refined.refinement.estimate);
     if (role == TrackRole::kHeldOut) {
-      refined.held_out_rms_px = InlierRms(SquaredResiduals(
-          others.scene, others.estimate, options.SingleFrameMode()));
+      refined.held_out_rms_px = InlierRms(
+          SquaredResiduals(
+              others.scene, others.estimate, options.SingleFrameMode()),
+          *others.scene.ranks);
     }
     refined.estimate = JoinEstimates(
         selection, role, others.estimate, std::move(refined.estimate));

@@ -16,7 +16,9 @@
 #include "colmap_ext/report/report_reader.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/report/report_page.h"
+#include "src/util/cpu_time.h"
 #include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -170,22 +172,64 @@ std::string MakeHistory(const std::vector<Stage>& stages) {
   return csv.str();
 }
 
-Json MakeFrames(const Tracks& tracks) {
+// What all ranks know together.
+struct Totals {
   Json frames = Json::array();
+  // By camera.
+  std::vector<size_t> num_frames;
+  std::vector<size_t> num_observations;
+  std::vector<size_t> peak_rss_bytes;  // by rank
+};
+
+size_t PeakRss() {
+  rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<size_t>(usage.ru_maxrss) * 1024;
+}
+
+// By frame of this rank.
+std::vector<std::string> DescribeFrames(const Tracks& tracks) {
+  std::vector<std::string> frames;
   size_t frame_idx = 0;
   for (const FrameModel& model : tracks.capture.frames) {
     const bool used = model.skip_reason.empty();
     const Frame* frame = used ? &tracks.scene.frames[frame_idx++] : nullptr;
-    frames.push_back(
-        {{"name", model.name},
-         {"status", used ? "used" : "skipped"},
-         {"reason", model.skip_reason},
-         {"num_images", used ? frame->images.size() : 0},
-         {"num_points", used ? frame->NumPoints() : 0},
-         {"num_observations", used ? frame->observations.size() : 0},
-         {"alignment_rms", used ? Json(model.alignment_rms) : Json(nullptr)}});
+    const Json json = {
+        {"name", model.name},
+        {"status", used ? "used" : "skipped"},
+        {"reason", model.skip_reason},
+        {"num_images", used ? frame->images.size() : 0},
+        {"num_points", used ? frame->NumPoints() : 0},
+        {"num_observations", used ? frame->observations.size() : 0},
+        {"alignment_rms", used ? Json(model.alignment_rms) : Json(nullptr)}};
+    frames.push_back(json.dump(-1, ' ', false, Json::error_handler_t::replace));
   }
   return frames;
+}
+
+Totals AddUp(const Tracks& tracks) {
+  const Scene& scene = tracks.scene;
+  Totals totals;
+  totals.num_frames.assign(scene.cameras.size(), 0);
+  totals.num_observations.assign(scene.cameras.size(), 0);
+  for (const Frame& frame : scene.frames) {
+    std::vector<bool> seen(frame.images.size(), false);
+    for (const Observation& observation : frame.observations) {
+      seen[observation.image_idx] = true;
+      ++totals.num_observations[frame.images[observation.image_idx].camera_idx];
+    }
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      totals.num_frames[frame.images[i].camera_idx] += seen[i];
+    }
+  }
+  const Communicator& ranks = *scene.ranks;
+  totals.num_frames = Sum(ranks, totals.num_frames);
+  totals.num_observations = Sum(ranks, totals.num_observations);
+  totals.peak_rss_bytes = Concatenate(ranks, std::vector<size_t>{PeakRss()});
+  for (const std::string& frame : Concatenate(ranks, DescribeFrames(tracks))) {
+    totals.frames.push_back(Json::parse(frame));
+  }
+  return totals;
 }
 
 bool IsUnusual(const std::optional<CameraDrift>& drift) {
@@ -238,21 +282,10 @@ std::string UtcNow() {
   return text;
 }
 
-Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
+Json MakeCameras(const Tracks& tracks,
+                 const RefinerResult& result,
+                 const Totals& totals) {
   const Scene& scene = tracks.scene;
-  std::vector<size_t> num_frames(scene.cameras.size(), 0);
-  std::vector<size_t> num_observations(scene.cameras.size(), 0);
-  for (const Frame& frame : scene.frames) {
-    std::vector<bool> seen(frame.images.size(), false);
-    for (const Observation& observation : frame.observations) {
-      seen[observation.image_idx] = true;
-      ++num_observations[frame.images[observation.image_idx].camera_idx];
-    }
-    for (size_t i = 0; i < frame.images.size(); ++i) {
-      num_frames[frame.images[i].camera_idx] += seen[i];
-    }
-  }
-
   Json cameras = Json::array();
   Eigen::Index param_begin = 0;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
@@ -295,7 +328,7 @@ Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
     if (result.refined.refinement.held_cameras[i])
       flags.push_back("held_at_start");
     if (camera.constant_intrinsics) flags.push_back("constant");
-    if (num_frames[i] == 1) flags.push_back("single_frame");
+    if (totals.num_frames[i] == 1) flags.push_back("single_frame");
     cameras.push_back(
         {{"name", camera.name},
          {"model", camera.model->Name()},
@@ -310,8 +343,8 @@ Json MakeCameras(const Tracks& tracks, const RefinerResult& result) {
           {{"from_start", DriftToJson(result.drifts[i])},
            {"from_rig", DriftToJson(result.drifts_from_rig[i])}}},
          {"moved_deg", pose.is_moved ? Json(pose.angle_deg) : Json(nullptr)},
-         {"num_frames", num_frames[i]},
-         {"num_observations", num_observations[i]},
+         {"num_frames", totals.num_frames[i]},
+         {"num_observations", totals.num_observations[i]},
          {"refined_share", RefinedShare(tracks.keypoints, i)},
          {"rms_px_before", NumberOrNull(result.rms_px_before[i])},
          {"rms_px_after", NumberOrNull(result.rms_px_after[i])},
@@ -347,10 +380,98 @@ Json MakeStages(const std::vector<Stage>& stages) {
   return json;
 }
 
-size_t PeakRss() {
-  rusage usage;
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<size_t>(usage.ru_maxrss) * 1024;
+// Up to here: what is left to do is a second of writing at most.
+Json MakeCpuTime() {
+  const CpuTime time = ProcessCpuTime();
+  return {{"total", time.total_s}, {"serial", time.serial_s}};
+}
+
+Json MakeSummary(const OptionParser& options,
+                 const Tracks& tracks,
+                 const RefinerResult& result,
+                 const RunReport& report,
+                 const Totals& totals) {
+  const RefinementResult& refinement = result.refined.refinement;
+  Json timings = Json::object();
+  for (const auto& name_and_time : report.timings_s) {
+    timings[name_and_time.first] = name_and_time.second;
+  }
+  Json summary = {
+      {"schema_version", 1},
+      {"tool",
+       {{"version", MFIR_VERSION},
+        {"colmap_version", host::VersionInfo()},
+        {"git", MFIR_GIT_COMMIT}}},
+      {"created", UtcNow()},
+      {"options", options.ToJson()},
+      {"inputs", report.inputs},
+      {"frames", totals.frames},
+      {"cameras", MakeCameras(tracks, result, totals)},
+      {"stages", MakeStages(report.stages)},
+      {"result",
+       {{"status", result.status},
+        {"rms_px_before", NumberOrNull(result.rms_px_before.back())},
+        {"rms_px_after", NumberOrNull(result.rms_px_after.back())},
+        {"held_out_rms_px", NumberOrNull(result.refined.held_out_rms_px)},
+        {"static_points",
+         {{"num_points", result.static_points.num_points},
+          {"num_tracks", result.static_points.num_tracks},
+          {"observation_share", result.static_points.observation_share}}},
+        {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
+        {"last_step_stds", refinement.last_step_stds},
+        {"last_focal_change", refinement.last_focal_change},
+        {"noise_std_px", refinement.noise_std_px},
+        {"feature_noise_std_px",
+         refinement.feature_noise_std_px > 0.0
+             ? Json(refinement.feature_noise_std_px)
+             : Json(nullptr)},
+        {"outlier_share", refinement.outlier_share},
+        {"max_inlier_px", NumberOrNull(result.max_inlier_px)},
+        {"noise_mixture", MakeNoiseMixture(refinement.noise_components)},
+        {"modes", MakeModes(result)}}},
+      {"timings_s", timings},
+      {"cpu_s", MakeCpuTime()},
+      {"peak_rss_bytes",
+       *std::max_element(totals.peak_rss_bytes.begin(),
+                         totals.peak_rss_bytes.end())}};
+  if (totals.peak_rss_bytes.size() > 1) {
+    summary["peak_rss_bytes_of_processes"] = totals.peak_rss_bytes;
+  }
+  summary["result"]["limits_exceeded"] =
+      ViolationsToJson(FindViolations(report.limits, summary["cameras"]));
+  if (!report.evaluation.is_null()) {
+    summary["evaluation"] = report.evaluation;
+  }
+  return summary;
+}
+
+// Models of frames are made and written some at a time, side by side, and then
+// joined in their order. Over ranks there is no joint model.
+void WriteFrames(const Tracks& tracks,
+                 const RefinerResult& result,
+                 const RunReport& report,
+                 const fs::path& path,
+                 CaptureModel* joint) {
+  const std::vector<const FrameModel*> models = tracks.capture.UsedFrames();
+  const auto num_at_once = static_cast<size_t>(2 * report.num_threads);
+  for (size_t first = 0; first < models.size(); first += num_at_once) {
+    const size_t num = std::min(num_at_once, models.size() - first);
+    std::vector<host::Reconstruction> refined(num);
+    ParallelFor(num, report.num_threads, [&](size_t i) {
+      const FrameModel& model = *models[first + i];
+      refined[i] = RefinedReconstruction(result.rig_from_normalized,
+                                         model,
+                                         tracks.scene,
+                                         result.refined.estimate,
+                                         first + i,
+                                         result.cameras,
+                                         result.single_frame_mode);
+      WriteModel((path / "frames" / model.name).string(), false, refined[i]);
+    });
+    for (size_t i = 0; joint != nullptr && i < num; ++i) {
+      joint->AddFrame(*models[first + i], refined[i]);
+    }
+  }
 }
 
 }  // namespace
@@ -382,58 +503,6 @@ void CheckFinite(const Scene& scene, const RefinerResult& result) {
   }
 }
 
-Json MakeSummary(const OptionParser& options,
-                 const Tracks& tracks,
-                 const RefinerResult& result,
-                 const RunReport& report) {
-  const RefinementResult& refinement = result.refined.refinement;
-  Json timings = Json::object();
-  for (const auto& name_and_time : report.timings_s) {
-    timings[name_and_time.first] = name_and_time.second;
-  }
-  Json summary = {
-      {"schema_version", 1},
-      {"tool",
-       {{"version", MFIR_VERSION},
-        {"colmap_version", host::VersionInfo()},
-        {"git", MFIR_GIT_COMMIT}}},
-      {"created", UtcNow()},
-      {"options", options.ToJson()},
-      {"inputs", report.inputs},
-      {"frames", MakeFrames(tracks)},
-      {"cameras", MakeCameras(tracks, result)},
-      {"stages", MakeStages(report.stages)},
-      {"result",
-       {{"status", result.status},
-        {"rms_px_before", NumberOrNull(result.rms_px_before.back())},
-        {"rms_px_after", NumberOrNull(result.rms_px_after.back())},
-        {"held_out_rms_px", NumberOrNull(result.refined.held_out_rms_px)},
-        {"static_points",
-         {{"num_points", result.static_points.num_points},
-          {"num_tracks", result.static_points.num_tracks},
-          {"observation_share", result.static_points.observation_share}}},
-        {"extrinsics", result.soft_extrinsics ? "corrected" : "given"},
-        {"last_step_stds", refinement.last_step_stds},
-        {"last_focal_change", refinement.last_focal_change},
-        {"noise_std_px", refinement.noise_std_px},
-        {"feature_noise_std_px",
-         refinement.feature_noise_std_px > 0.0
-             ? Json(refinement.feature_noise_std_px)
-             : Json(nullptr)},
-        {"outlier_share", refinement.outlier_share},
-        {"max_inlier_px", NumberOrNull(result.max_inlier_px)},
-        {"noise_mixture", MakeNoiseMixture(refinement.noise_components)},
-        {"modes", MakeModes(result)}}},
-      {"timings_s", timings},
-      {"peak_rss_bytes", PeakRss()}};
-  summary["result"]["limits_exceeded"] =
-      ViolationsToJson(FindViolations(report.limits, summary["cameras"]));
-  if (!report.evaluation.is_null()) {
-    summary["evaluation"] = report.evaluation;
-  }
-  return summary;
-}
-
 const std::vector<std::string>& ResultNames() {
   static const std::vector<std::string> names = [] {
     std::vector<std::string> names = {
@@ -444,7 +513,8 @@ const std::vector<std::string>& ResultNames() {
         names.push_back(format.result_name);
       }
     }
-    names.insert(names.end(), {"history.csv", "project.ini", kReportName, "summary.json"});
+    names.insert(names.end(),
+                 {"history.csv", "project.ini", kReportName, "summary.json"});
     return names;
   }();
   return names;
@@ -456,34 +526,29 @@ WrittenResult WriteResult(const OptionParser& options,
                           const RunReport& report,
                           OutputFolder* output) {
   CheckFinite(tracks.scene, result);
+  const Communicator& ranks = *tracks.scene.ranks;
   WrittenResult written;
   const fs::path& path = output->TemporaryPath();
   try {
+    const bool has_joint = ranks.IsAlone() && !result.single_frame_mode;
+    CaptureModel joint(result.cameras, report.image_path);
+    WriteFrames(tracks, result, report, path, has_joint ? &joint : nullptr);
+    // Of all ranks; then they have written their frames.
+    const Totals totals = AddUp(tracks);
+    if (!ranks.IsFirst()) return written;
     WriteModel((path / "rig").string(), true, MakeRigModel(result.cameras));
     if (result.soft_extrinsics) {
       WriteModel((path / "rig_given").string(),
                  true,
                  MakeRigModel(GivenCameras(tracks.capture, result)));
     }
-    const std::vector<const FrameModel*> models = tracks.capture.UsedFrames();
-    CaptureModel model(result.cameras, report.image_path);
-    for (size_t f = 0; f < models.size(); ++f) {
-      const host::Reconstruction refined =
-          RefinedReconstruction(result.rig_from_normalized,
-                                *models[f],
-                                tracks.scene,
-                                result.refined.estimate,
-                                f,
-                                result.cameras,
-                                result.single_frame_mode);
-      WriteModel((path / "frames" / models[f]->name).string(), false, refined);
-      if (!result.single_frame_mode) model.AddFrame(*models[f], refined);
-    }
-    if (result.single_frame_mode) {
-      written.remarks.push_back(
-          "No model of all frames: each has intrinsics of its own.");
+    if (has_joint) {
+      WriteModel((path / "model").string(), false, joint.Model());
     } else {
-      WriteModel((path / "model").string(), false, model.Model());
+      written.remarks.push_back(
+          result.single_frame_mode
+              ? "No model of all frames: each has intrinsics of its own."
+              : "No model of all frames: they are on several processes.");
     }
     for (const std::string& name :
          WriteKRT((path / "KRT").string(), result.cameras)) {
@@ -502,7 +567,7 @@ WrittenResult WriteResult(const OptionParser& options,
     }
     options.Write((path / "project.ini").string());
     WriteTextFile(path / "history.csv", MakeHistory(report.stages));
-    const Json summary = MakeSummary(options, tracks, result, report);
+    const Json summary = MakeSummary(options, tracks, result, report, totals);
     written.violations = FindViolations(report.limits, summary["cameras"]);
     WriteTextFile(
         path / "summary.json",

@@ -27,7 +27,8 @@ struct RunReport {
   std::string image_path;                 // empty: none
   std::vector<std::string> output_types;  // names of RigFormats
   Limits limits;
-  bool write_page = true;                 // report.html
+  bool write_page = true;  // report.html
+  int num_threads = 1;
 };
 
 // The files and folders of a result, as OutputFolder takes them.
@@ -37,11 +38,6 @@ const std::vector<std::string>& ResultNames();
 // model of the frames and the rig and no rms may be written then.
 void CheckFinite(const Scene& scene, const RefinerResult& result);
 
-nlohmann::ordered_json MakeSummary(const OptionParser& options,
-                                   const Tracks& tracks,
-                                   const RefinerResult& result,
-                                   const RunReport& report);
-
 struct WrittenResult {
   std::string path;                  // see OutputFolder::Publish
   std::vector<std::string> remarks;  // what rig formats cannot hold
@@ -49,7 +45,8 @@ struct WrittenResult {
 };
 
 // Writes all files to the temporary folder of `output` and publishes them when
-// all are complete. Throws OutputError, and what CheckFinite throws.
+// all are complete. Over ranks each writes its frames, the first all else and
+// no model of all frames. Throws OutputError, and what CheckFinite throws.
 WrittenResult WriteResult(const OptionParser& options,
                           const Tracks& tracks,
                           const RefinerResult& result,

@@ -14,6 +14,7 @@
 #include "src/report/html.h"
 #include "src/report/residuals.h"
 #include "src/util/errors.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -119,15 +120,25 @@ void ReadFrames(const std::string& path, Report* report) {
     }
   }
   report->matrix.resize(report->frame_names.size() * report->cameras.size());
-  for (size_t f = 0; f < report->frame_names.size(); ++f) {
-    const std::string frame_path =
-        FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
-    host::Reconstruction frame;
-    ReadModel(frame_path, /*require_points=*/true, &frame);
-    AddObservations(frame_path, f, frame, report);
-    if (f > 0) continue;
-    AddScenePoints(frame, report);
-    AddExamples(report->frame_names[f], frame, report);
+  // Some at a time, side by side.
+  const size_t num_frames = report->frame_names.size();
+  const auto num_at_once = static_cast<size_t>(2 * NumThreadsOfMachine());
+  for (size_t first = 0; first < num_frames; first += num_at_once) {
+    const size_t num = std::min(num_at_once, num_frames - first);
+    std::vector<host::Reconstruction> frames(num);
+    const auto path_of = [&](size_t f) {
+      return FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
+    };
+    ParallelFor(num, -1, [&](size_t i) {
+      ReadModel(path_of(first + i), /*require_points=*/true, &frames[i]);
+    });
+    for (size_t i = 0; i < num; ++i) {
+      const size_t f = first + i;
+      AddObservations(path_of(f), f, frames[i], report);
+      if (f > 0) continue;
+      AddScenePoints(frames[i], report);
+      AddExamples(report->frame_names[f], frames[i], report);
+    }
   }
 }
 

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -68,6 +70,11 @@ class Solver {
   bool ComputeFreeStep(const NormalEquations& equations,
                        double damping,
                        Eigen::VectorXd* step) const;
+
+  // The same bytes on all ranks.
+  bool ComputeCommonStep(const NormalEquations& equations,
+                         double damping,
+                         Eigen::VectorXd* step) const;
 
   // Cost after the step, infinite if it leads astray.
   double TryStep(const Eigen::VectorXd& step,
@@ -226,6 +233,24 @@ bool Solver::ComputeFreeStep(const NormalEquations& equations,
   return true;
 }
 
+// All ranks have the same equations, but on machines that differ not the same
+// last digits of the solution: they would part.
+bool Solver::ComputeCommonStep(const NormalEquations& equations,
+                               double damping,
+                               Eigen::VectorXd* step) const {
+  const Communicator& ranks = *scene_.ranks;
+  if (ranks.IsAlone()) return ComputeFreeStep(equations, damping, step);
+  std::string bytes;
+  if (ranks.IsFirst() && ComputeFreeStep(equations, damping, step)) {
+    bytes.assign(reinterpret_cast<const char*>(step->data()),
+                 sizeof(double) * static_cast<size_t>(step->size()));
+  }
+  ranks.Broadcast(&bytes);
+  step->resize(params_.Size());
+  if (!bytes.empty()) std::memcpy(step->data(), bytes.data(), bytes.size());
+  return !bytes.empty();
+}
+
 double Solver::TryStep(const Eigen::VectorXd& step,
                        const States& new_states,
                        Points* new_points) const {
@@ -331,7 +356,7 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
     const NormalEquations equations =
         BuildNormalEquations(curvature, is_near ? 0.0 : kMinCurvatureShare);
     Eigen::VectorXd step;
-    if (!ComputeFreeStep(equations, damping, &step)) {
+    if (!ComputeCommonStep(equations, damping, &step)) {
       // Far from the solution the second derivative of the loss makes the
       // system indefinite; less of it cannot.
       if (curvature == Curvature::kNewton) {

@@ -120,7 +120,9 @@ struct FixedExtrinsicsSummary {
 // moved to their minima after each step: time and memory grow linearly with the
 // number of points, only the reduced system of the cameras is dense.
 // Observations behind their camera at the start of the solve take no part in
-// it. The result is the same for every number of threads.
+// it. The result is the same for every number of threads. Over ranks, points
+// stay where they are: what is summed are the equations of the cameras, costs
+// and counts.
 FixedExtrinsicsSummary SolveFixedExtrinsics(
     const FixedExtrinsicsOptions& options, const Scene& scene, Estimate start);
 

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
 #include "src/estimators/linearization.h"
+#include "src/util/order_statistics.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -17,6 +19,9 @@ constexpr size_t kPointsPerChunk = 1024;
 // Of a standard normal variable.
 constexpr double kMedianOfSquare = 0.45493642311957283;
 constexpr double kMinWeight = 0.05;
+// Where just one half of equal weights lies below, no last digit of their sum,
+// which depends on its order, may decide.
+constexpr double kHalfTolerance = 1e-12;
 
 // Consecutive points of one frame.
 struct Chunk {
@@ -40,6 +45,20 @@ std::vector<Chunk> MakeChunks(const Scene& scene, const Estimate& estimate) {
   return chunks;
 }
 
+// In order.
+template <typename T>
+std::vector<T> Join(const std::vector<std::vector<T>>& parts, int num_threads) {
+  std::vector<size_t> begins = {0};
+  for (const std::vector<T>& part : parts) {
+    begins.push_back(begins.back() + part.size());
+  }
+  std::vector<T> joined(begins.back());
+  ParallelFor(parts.size(), num_threads, [&](size_t i) {
+    std::copy(parts[i].begin(), parts[i].end(), joined.begin() + begins[i]);
+  });
+  return joined;
+}
+
 // Calls function(chunk, &results) for all chunks and joins the results in
 // order.
 template <typename T, typename Function>
@@ -50,11 +69,7 @@ std::vector<T> CollectInChunks(const std::vector<Chunk>& chunks,
   ParallelFor(chunks.size(), num_threads, [&](size_t i) {
     function(chunks[i], &results[i]);
   });
-  std::vector<T> joined;
-  for (const std::vector<T>& result : results) {
-    joined.insert(joined.end(), result.begin(), result.end());
-  }
-  return joined;
+  return Join(results, num_threads);
 }
 
 // Residual with its derivatives by the point and its weight in the fit.
@@ -170,9 +185,11 @@ NoiseSampleSets NoiseSamples(const Scene& scene,
                              int num_threads) {
   const std::vector<CameraState> states = CameraStates(estimate.cameras);
   const std::vector<Chunk> chunks = MakeChunks(scene, estimate);
-  std::vector<NoiseSampleSets> sets(chunks.size());
+  std::vector<std::vector<NoiseSample>> keypoints(chunks.size());
+  std::vector<std::vector<NoiseSample>> features(chunks.size());
   ParallelFor(chunks.size(), num_threads, [&](size_t c) {
     const Frame& frame = *chunks[c].frame;
+    NoiseSampleSets sets;
     std::vector<WeightedResidual> residuals;
     for (size_t i = chunks[c].begin; i < chunks[c].end; ++i) {
       residuals.clear();
@@ -199,37 +216,28 @@ NoiseSampleSets NoiseSamples(const Scene& scene,
       // Relative to keypoints.
       const double unit = residuals[0].weight_at_zero;
       for (WeightedResidual& residual : residuals) residual.weight /= unit;
-      AddSamples(residuals, &sets[c]);
+      AddSamples(residuals, &sets);
     }
+    keypoints[c] = std::move(sets.keypoints);
+    features[c] = std::move(sets.features);
   });
-  NoiseSampleSets joined;
-  const auto append = [](const std::vector<NoiseSample>& source,
-                         std::vector<NoiseSample>* target) {
-    target->insert(target->end(), source.begin(), source.end());
-  };
-  for (const NoiseSampleSets& set : sets) {
-    append(set.keypoints, &joined.keypoints);
-    append(set.features, &joined.features);
-  }
-  return joined;
+  return {Join(keypoints, num_threads), Join(features, num_threads)};
 }
 
-double RobustStd(std::vector<NoiseSample> samples) {
-  std::sort(samples.begin(),
-            samples.end(),
-            [](const NoiseSample& a, const NoiseSample& b) {
-              return a.squared < b.squared;
-            });
+double RobustStd(const std::vector<NoiseSample>& samples,
+                 const Communicator& ranks) {
   double total = 0.0;
   for (const NoiseSample& sample : samples) total += sample.weight;
-  double sum = 0.0;
-  for (const NoiseSample& sample : samples) {
-    sum += sample.weight;
-    if (sum >= 0.5 * total) {
-      return std::sqrt(sample.squared / kMedianOfSquare);
-    }
-  }
-  return 0.0;
+  total = Sum(ranks, total);
+  if (total == 0.0) return 0.0;
+  const double median = ValueAtWeight(
+      samples.size(),
+      [&](size_t i) {
+        return WeightedValue{samples[i].squared, samples[i].weight};
+      },
+      (0.5 - kHalfTolerance) * total,
+      ranks);
+  return std::sqrt(median / kMedianOfSquare);
 }
 
 }  // namespace mfir

@@ -9,6 +9,7 @@
 
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
+#include "src/util/communicator.h"
 
 namespace mfir {
 
@@ -51,7 +52,8 @@ NoiseSampleSets NoiseSamples(const Scene& scene,
                              int num_threads = -1);
 
 // Standard deviation (px per axis) of Gaussian noise with the same weighted
-// median of squares. Zero without samples.
-double RobustStd(std::vector<NoiseSample> samples);
+// median of squares, those of all ranks. Zero without samples.
+double RobustStd(const std::vector<NoiseSample>& samples,
+                 const Communicator& ranks = Alone());
 
 }  // namespace mfir

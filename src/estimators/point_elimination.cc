@@ -30,6 +30,11 @@ Track::Observation MakeTrackObservation(const Frame& frame,
   return result;
 }
 
+size_t CountFinite(const double* begin, const double* end) {
+  return static_cast<size_t>(std::count_if(
+      begin, end, [](double value) { return std::isfinite(value); }));
+}
+
 }  // namespace
 
 PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
@@ -37,7 +42,9 @@ PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
                                    const Scene& scene,
                                    Estimate* estimate)
     : options_(options), scene_(scene) {
-  if (options_.improve_points) MovePointsToTheFront(states, scene_, estimate);
+  if (options_.improve_points) {
+    MovePointsToTheFront(states, scene_, options_.num_threads, estimate);
+  }
   CollectTracks(estimate);
   params_ = CollectFreeParams(options_, scene_, *estimate, ObservedCameras());
   track_solver_.emplace(
@@ -47,41 +54,72 @@ PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
   PartitionTracks();
   left_out_.assign(tracks_.size(), 0);
   point_steps_.resize(tracks_.size());
-  back_blocks_.resize(observations_.size());
+  AllocateBackBlocks();
 }
 
+// Frames side by side: first the counts, which say where each has its place.
 void PointElimination::CollectTracks(Estimate* estimate) {
   const std::vector<double> squared_residuals =
       SquaredResiduals(scene_, *estimate, options_.num_threads);
-  size_t k = 0;
-  for (size_t i = 0; i < scene_.frames.size(); ++i) {
-    const Frame& frame = scene_.frames[i];
-    for (size_t j = 0; j < frame.NumPoints(); ++j) {
-      const size_t begin = observations_.size();
-      for (size_t m = frame.track_begins[j]; m < frame.track_begins[j + 1];
-           ++m) {
-        const Observation& observation = frame.observations[m];
-        if (std::isfinite(squared_residuals[k++])) {
-          observations_.push_back(MakeTrackObservation(frame, observation));
-        }
-      }
-      if (observations_.size() - begin < 2) {
-        observations_.resize(begin);
-        continue;
-      }
-      Track track;
-      track.xyz = &estimate->frames[i].points[j];
-      track.weight =
-          options_.frame_weights.empty() ? 1.0 : options_.frame_weights[i];
-      track.length = observations_.size() - begin;
-      tracks_.push_back(track);
-      track_idxs_.push_back({i, j});
-    }
+  const size_t num_frames = scene_.frames.size();
+  std::vector<size_t> residual_begins = {0};
+  for (const Frame& frame : scene_.frames) {
+    residual_begins.push_back(residual_begins.back() +
+                              frame.observations.size());
   }
-  const Track::Observation* observations = observations_.data();
-  for (Track& track : tracks_) {
-    track.observations = observations;
-    observations += track.length;
+  std::vector<FrameCounts> counts(num_frames);
+  ParallelFor(num_frames, options_.num_threads, [&](size_t f) {
+    const Frame& frame = scene_.frames[f];
+    const double* squared = squared_residuals.data() + residual_begins[f];
+    for (size_t j = 0; j < frame.NumPoints(); ++j) {
+      const size_t count = CountFinite(squared + frame.track_begins[j],
+                                       squared + frame.track_begins[j + 1]);
+      if (count < 2) continue;
+      counts[f].num_observations += count;
+      ++counts[f].num_tracks;
+    }
+  });
+  std::vector<FrameCounts> begins(1);
+  for (const FrameCounts& count : counts) {
+    begins.push_back({begins.back().num_observations + count.num_observations,
+                      begins.back().num_tracks + count.num_tracks});
+  }
+  observations_.resize(begins.back().num_observations);
+  tracks_.resize(begins.back().num_tracks);
+  track_idxs_.resize(begins.back().num_tracks);
+  ParallelFor(num_frames, options_.num_threads, [&](size_t f) {
+    CollectTracksOfFrame(
+        f, squared_residuals.data() + residual_begins[f], begins[f], estimate);
+  });
+}
+
+void PointElimination::CollectTracksOfFrame(size_t frame_idx,
+                                            const double* squared_residuals,
+                                            const FrameCounts& begin,
+                                            Estimate* estimate) {
+  const Frame& frame = scene_.frames[frame_idx];
+  size_t next_observation = begin.num_observations;
+  size_t next_track = begin.num_tracks;
+  for (size_t j = 0; j < frame.NumPoints(); ++j) {
+    const size_t first = frame.track_begins[j];
+    const size_t last = frame.track_begins[j + 1];
+    if (CountFinite(squared_residuals + first, squared_residuals + last) < 2) {
+      continue;
+    }
+    Track track;
+    track.xyz = &estimate->frames[frame_idx].points[j];
+    track.weight = options_.frame_weights.empty()
+                       ? 1.0
+                       : options_.frame_weights[frame_idx];
+    track.observations = &observations_[next_observation];
+    for (size_t k = first; k < last; ++k) {
+      if (!std::isfinite(squared_residuals[k])) continue;
+      observations_[next_observation++] =
+          MakeTrackObservation(frame, frame.observations[k]);
+      ++track.length;
+    }
+    tracks_[next_track] = track;
+    track_idxs_[next_track++] = {frame_idx, j};
   }
 }
 
@@ -90,7 +128,21 @@ std::vector<bool> PointElimination::ObservedCameras() const {
   for (const Track::Observation& observation : observations_) {
     observed[observation.camera_idx] = true;
   }
-  return observed;
+  return Any(*scene_.ranks, observed);
+}
+
+// Not initialized: the threads that fill it touch it first.
+void PointElimination::AllocateBackBlocks() {
+  size_t size = 0;
+  back_block_begins_.reserve(tracks_.size());
+  for (const Track& track : tracks_) {
+    back_block_begins_.push_back(size);
+    for (size_t i = 0; i < track.length; ++i) {
+      size += 3 * static_cast<size_t>(
+                      params_.SizeOf(track.observations[i].camera_idx));
+    }
+  }
+  back_blocks_.reset(new double[size]);
 }
 
 // A fixed partition (independent of the number of threads) whose partial sums
@@ -130,14 +182,16 @@ void PointElimination::EliminateTrack(size_t track_idx,
       track, linearizations, curvature, min_share, 0.0, &system);
 
   point_steps_[track_idx] = system.hessian.solve(system.gradient);
-  ParamsBlock* back_blocks = &back_blocks_[static_cast<size_t>(
-      track.observations - observations_.data())];
+  thread_local ParamsBlocks back_blocks;
+  double* stored = &back_blocks_[back_block_begins_[track_idx]];
   blocks.resize(track.length);
+  back_blocks.resize(track.length);
   for (size_t i = 0; i < track.length; ++i) {
     blocks[i] = linearizations[i].jacobian_params.transpose() *
                 system.observations[i].weight *
                 linearizations[i].jacobian_point;
     back_blocks[i] = system.hessian.solve(blocks[i].transpose()).transpose();
+    stored = std::copy_n(back_blocks[i].data(), back_blocks[i].size(), stored);
   }
   for (size_t i = 0; i < track.length; ++i) {
     const auto& jacobian = linearizations[i].jacobian_params;
@@ -176,10 +230,16 @@ NormalEquations PointElimination::BuildNormalEquations(const States& states,
       });
   NormalEquations sum;
   sum.SetZero(params_.Size());
-  for (const NormalEquations& chunk : chunks) {
-    sum.hessian += chunk.hessian;
-    sum.gradient += chunk.gradient;
-  }
+  ParallelFor(static_cast<size_t>(params_.Size()),
+              options_.num_threads,
+              [&](size_t column) {
+                for (const NormalEquations& chunk : chunks) {
+                  sum.hessian.col(column) += chunk.hessian.col(column);
+                }
+              });
+  for (const NormalEquations& chunk : chunks) sum.gradient += chunk.gradient;
+  scene_.ranks->Sum(sum.hessian.data(), sum.hessian.size());
+  scene_.ranks->Sum(sum.gradient.data(), sum.gradient.size());
   return sum;
 }
 
@@ -240,9 +300,54 @@ void PointElimination::AddOuter(const std::vector<size_t>& camera_idxs,
   }
 }
 
+void PointElimination::AddGroupGradient(
+    const std::vector<size_t>& group,
+    const States& states,
+    Eigen::VectorXd* gradient,
+    std::vector<size_t>* camera_idxs) const {
+  for (const size_t track_idx : group) {
+    if (left_out_[track_idx]) continue;
+    AddGradient(track_idx, states, gradient, camera_idxs);
+  }
+  std::sort(camera_idxs->begin(), camera_idxs->end());
+  camera_idxs->erase(std::unique(camera_idxs->begin(), camera_idxs->end()),
+                     camera_idxs->end());
+}
+
+// The gradients of some groups at a time, summed over the ranks.
+void PointElimination::AddSharedOuters(
+    const std::vector<std::vector<size_t>>& groups,
+    const States& states,
+    Eigen::MatrixXd* outer) const {
+  constexpr size_t kGroupsAtOnce = 1024;
+  const Communicator& ranks = *scene_.ranks;
+  std::vector<size_t> camera_idxs;
+  for (size_t begin = 0; begin < groups.size(); begin += kGroupsAtOnce) {
+    const size_t num = std::min(kGroupsAtOnce, groups.size() - begin);
+    Eigen::MatrixXd gradients =
+        Eigen::MatrixXd::Zero(params_.Size(), static_cast<Eigen::Index>(num));
+    for (size_t i = 0; i < num; ++i) {
+      Eigen::VectorXd gradient = Eigen::VectorXd::Zero(params_.Size());
+      camera_idxs.clear();
+      AddGroupGradient(groups[begin + i], states, &gradient, &camera_idxs);
+      gradients.col(static_cast<Eigen::Index>(i)) = gradient;
+    }
+    ranks.Sum(gradients.data(), static_cast<size_t>(gradients.size()));
+    if (!ranks.IsFirst()) continue;
+    outer->selfadjointView<Eigen::Lower>().rankUpdate(gradients);
+  }
+}
+
 Eigen::MatrixXd PointElimination::GradientOuter(const States& states) const {
-  const std::vector<std::vector<size_t>> groups = GroupTracks();
+  std::vector<std::vector<size_t>> groups = GroupTracks();
   const Eigen::Index num_params = params_.Size();
+  std::vector<std::vector<size_t>> shared_groups;
+  if (!scene_.ranks->IsAlone()) {
+    const auto end = groups.begin() + static_cast<std::ptrdiff_t>(
+                                          options_.repeated_tracks.size());
+    shared_groups.assign(groups.begin(), end);
+    groups.erase(groups.begin(), end);
+  }
   std::vector<Eigen::MatrixXd> chunks(NumChunks(groups.size()));
   ParallelForChunks(groups.size(), [&](size_t chunk, size_t begin, size_t end) {
     Eigen::MatrixXd& outer = chunks[chunk];
@@ -251,19 +356,15 @@ Eigen::MatrixXd PointElimination::GradientOuter(const States& states) const {
     std::vector<size_t> camera_idxs;
     for (size_t i = begin; i < end; ++i) {
       camera_idxs.clear();
-      for (const size_t track_idx : groups[i]) {
-        if (left_out_[track_idx]) continue;
-        AddGradient(track_idx, states, &gradient, &camera_idxs);
-      }
-      std::sort(camera_idxs.begin(), camera_idxs.end());
-      camera_idxs.erase(std::unique(camera_idxs.begin(), camera_idxs.end()),
-                        camera_idxs.end());
+      AddGroupGradient(groups[i], states, &gradient, &camera_idxs);
       AddOuter(camera_idxs, gradient, &outer);
       gradient.setZero();
     }
   });
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(num_params, num_params);
   for (const Eigen::MatrixXd& chunk : chunks) sum += chunk;
+  AddSharedOuters(shared_groups, states, &sum);
+  scene_.ranks->Sum(sum.data(), static_cast<size_t>(sum.size()));
   return sum;
 }
 
@@ -277,15 +378,16 @@ double PointElimination::TryStep(const Eigen::VectorXd& step,
       tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
         for (size_t i = begin; i < end; ++i) {
           const Track& track = tracks_[i];
-          const size_t first =
-              static_cast<size_t>(track.observations - observations_.data());
           Eigen::Vector3d& xyz = (*new_points)[i];
           xyz = *track.xyz;
           if (left_out_[i]) continue;
           xyz -= point_steps_[i];
+          const double* stored = &back_blocks_[back_block_begins_[i]];
           for (size_t k = 0; k < track.length; ++k) {
             const size_t camera_idx = track.observations[k].camera_idx;
-            const ParamsBlock& block = back_blocks_[first + k];
+            const Eigen::Map<const ParamsBlock> block(
+                stored, params_.SizeOf(camera_idx), 3);
+            stored += block.size();
             xyz -= block.transpose() *
                    step.segment(params_.offsets[camera_idx], block.rows());
           }
@@ -296,7 +398,7 @@ double PointElimination::TryStep(const Eigen::VectorXd& step,
           costs[chunk] += track_solver.Minimize(track, new_states, &xyz).cost;
         }
       });
-  return std::accumulate(costs.begin(), costs.end(), 0.0);
+  return Sum(*scene_.ranks, std::accumulate(costs.begin(), costs.end(), 0.0));
 }
 
 double PointElimination::MinimizePoints(const States& states) {
@@ -310,12 +412,13 @@ double PointElimination::MinimizePoints(const States& states) {
               track_solver_->Minimize(track, states, track.xyz).cost;
         }
       });
-  return std::accumulate(costs.begin(), costs.end(), 0.0);
+  return Sum(*scene_.ranks, std::accumulate(costs.begin(), costs.end(), 0.0));
 }
 
 size_t PointElimination::NumLeftOut() const {
-  return static_cast<size_t>(
-      std::count(left_out_.begin(), left_out_.end(), char{1}));
+  return Sum(*scene_.ranks,
+             static_cast<size_t>(
+                 std::count(left_out_.begin(), left_out_.end(), char{1})));
 }
 
 // Cost maps have kinks, at which no point is regular.
@@ -324,9 +427,9 @@ bool PointElimination::LeavesOut(const TrackSolver::Minimum& minimum) const {
 }
 
 void PointElimination::SetPoints(const Points& points) {
-  for (size_t i = 0; i < tracks_.size(); ++i) {
-    *tracks_[i].xyz = points[i];
-  }
+  ParallelForChunks(tracks_.size(), [&](size_t, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) *tracks_[i].xyz = points[i];
+  });
 }
 
 bool PointElimination::ImprovePoints(const States& states, double* cost) {
@@ -353,20 +456,26 @@ bool PointElimination::ImprovePoints(const States& states, double* cost) {
                         }
                       }
                     });
-  if (std::accumulate(num_changed.begin(), num_changed.end(), size_t{0}) == 0) {
-    return false;
-  }
-  *cost = std::accumulate(costs.begin(), costs.end(), 0.0);
+  const size_t num =
+      std::accumulate(num_changed.begin(), num_changed.end(), size_t{0});
+  if (Sum(*scene_.ranks, num) == 0) return false;
+  *cost = Sum(*scene_.ranks, std::accumulate(costs.begin(), costs.end(), 0.0));
   return true;
 }
 
 double PointElimination::FeatureCost(const States& states) const {
-  double cost = 0.0;
-  for (size_t i = 0; i < tracks_.size(); ++i) {
-    if (left_out_[i]) continue;
-    cost += track_solver_->FeatureCost(tracks_[i], states, *tracks_[i].xyz);
+  if (options_.feature_loss == nullptr && options_.cost_map_loss == nullptr) {
+    return 0.0;
   }
-  return cost;
+  std::vector<double> costs(tracks_.size(), 0.0);
+  ParallelForChunks(tracks_.size(), [&](size_t, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      if (left_out_[i]) continue;
+      costs[i] =
+          track_solver_->FeatureCost(tracks_[i], states, *tracks_[i].xyz);
+    }
+  });
+  return Sum(*scene_.ranks, std::accumulate(costs.begin(), costs.end(), 0.0));
 }
 
 }  // namespace mfir

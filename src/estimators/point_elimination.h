@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -38,13 +39,14 @@ class PointElimination {
   size_t NumTracks() const { return tracks_.size(); }
 
   // Of the cameras, without priors. `min_share`: see TrackSolver. Stores what
-  // TryStep needs.
+  // TryStep needs. Equations, costs and counts are those of all ranks.
   NormalEquations BuildNormalEquations(const States& states,
                                        Curvature curvature,
                                        double min_share);
 
   // Lower triangle of the sum of g g^T, with g the gradient by the free
-  // parameters of a group of options.repeated_tracks or of a track of its own.
+  // parameters of a group of options.repeated_tracks (over ranks the same ones
+  // on all, each with its own tracks) or of a track of its own.
   // Points must be at their minima.
   Eigen::MatrixXd GradientOuter(const States& states) const;
 
@@ -74,12 +76,25 @@ class PointElimination {
       Matrix<double, Eigen::Dynamic, 3, Eigen::ColMajor, kMaxNumParams, 3>;
   using ParamsBlocks =
       std::vector<ParamsBlock, Eigen::aligned_allocator<ParamsBlock>>;
+  // Observations that take part, and tracks with two or more of them.
+  struct FrameCounts {
+    size_t num_observations = 0;
+    size_t num_tracks = 0;
+  };
 
   bool LeavesOut(const TrackSolver::Minimum& minimum) const;
 
   void CollectTracks(Estimate* estimate);
+  // Those of one frame, from the given places on. `squared_residuals`: of its
+  // observations.
+  void CollectTracksOfFrame(size_t frame_idx,
+                            const double* squared_residuals,
+                            const FrameCounts& begin,
+                            Estimate* estimate);
+  // Whether any rank has observations of the camera.
   std::vector<bool> ObservedCameras() const;
   void PartitionTracks();
+  void AllocateBackBlocks();
 
   // Adds one track, its point eliminated.
   void EliminateTrack(size_t track_idx,
@@ -98,6 +113,15 @@ class PointElimination {
                 Eigen::MatrixXd* outer) const;
   // Each track in one group.
   std::vector<std::vector<size_t>> GroupTracks() const;
+  // Of a group: sum of its gradients, and the cameras that see it, ascending.
+  void AddGroupGradient(const std::vector<size_t>& group,
+                        const States& states,
+                        Eigen::VectorXd* gradient,
+                        std::vector<size_t>* camera_idxs) const;
+  // Adds g g^T of groups that have tracks on several ranks, each on one rank.
+  void AddSharedOuters(const std::vector<std::vector<size_t>>& groups,
+                       const States& states,
+                       Eigen::MatrixXd* outer) const;
 
   // Calls function(chunk, begin, end) for the chunks of `count` items.
   template <typename Function>
@@ -119,8 +143,11 @@ class PointElimination {
   ReducedParams params_;
   std::optional<TrackSolver> track_solver_;
   // Back-substitution: step_xyz = -(point_steps + sum_obs back_blocks^T step).
+  // The blocks (parameters x 3) of all observations one after the other, those
+  // of a track from its own place on: most of the memory of a solve.
   Points point_steps_;
-  ParamsBlocks back_blocks_;
+  std::unique_ptr<double[]> back_blocks_;
+  std::vector<size_t> back_block_begins_;  // by track
 };
 
 }  // namespace mfir

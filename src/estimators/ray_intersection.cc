@@ -7,6 +7,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
+#include "src/util/parallel_for.h"
+
 namespace mfir {
 namespace {
 
@@ -85,8 +87,9 @@ std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays) {
 
 void MovePointsToTheFront(const std::vector<CameraState>& states,
                           const Scene& scene,
+                          int num_threads,
                           Estimate* estimate) {
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
+  ParallelFor(scene.frames.size(), num_threads, [&](size_t f) {
     const Frame& frame = scene.frames[f];
     for (size_t i = 0; i < frame.NumPoints(); ++i) {
       Eigen::Vector3d& xyz = estimate->frames[f].points[i];
@@ -124,7 +127,7 @@ void MovePointsToTheFront(const std::vector<CameraState>& states,
         xyz = intersections[0];
       }
     }
-  }
+  });
 }
 
 }  // namespace mfir

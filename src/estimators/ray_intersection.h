@@ -42,6 +42,7 @@ std::vector<Eigen::Vector3d> RayIntersections(const std::vector<Ray>& rays);
 // front of more of them. `states`: of the rig's cameras.
 void MovePointsToTheFront(const std::vector<CameraState>& states,
                           const Scene& scene,
+                          int num_threads,
                           Estimate* estimate);
 
 }  // namespace mfir

@@ -21,14 +21,16 @@ constexpr double kMinSigmaRatio = 0.5;
 
 }  // namespace
 
-ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples) {
+ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
+                                   const Communicator& ranks) {
   // The likelihood needs s only through a fine histogram of its logarithm.
-  const double sigma_of_median = std::max(RobustStd(samples), 1e-6);
+  const double sigma_of_median = std::max(RobustStd(samples, ranks), 1e-6);
   const double scale = std::pow(sigma_of_median, 2);
   const int num_bins = (kMaxLog2Ratio - kMinLog2Ratio) * kBinsPerOctave;
   std::vector<double> counts(num_bins, 0.0);
   double total_weight = 0.0;
   for (const NoiseSample& sample : samples) total_weight += sample.weight;
+  total_weight = Sum(ranks, total_weight);
   for (const NoiseSample& sample : samples) {
     const double bin =
         (std::log2(std::max(sample.squared, 1e-300) / scale) - kMinLog2Ratio) *
@@ -36,6 +38,7 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples) {
     counts[static_cast<size_t>(std::clamp(bin, 0.0, num_bins - 1.0))] +=
         sample.weight / total_weight;
   }
+  ranks.Sum(counts.data(), counts.size());
 
   // Up to the largest sample: beyond all components the loss would be
   // quadratic.
@@ -43,23 +46,36 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples) {
   for (const NoiseSample& sample : samples) {
     max_squared = std::max(max_squared, std::min(sample.squared, kMaxSquared));
   }
+  for (const double max_of_rank :
+       Concatenate(ranks, std::vector<double>{max_squared})) {
+    max_squared = std::max(max_squared, max_of_rank);
+  }
   std::vector<double> variances = {std::pow(kMinSigmaRatio, 2) * scale};
   while (variances.back() < max_squared) {
     variances.push_back(kStepInSigma * kStepInSigma * variances.back());
   }
   std::vector<double> shares(variances.size(), 1.0 / variances.size());
 
+  // exp(-s / (2 sigma^2)) of each bin that has samples, for all components.
+  std::vector<double> gaussians;
+  for (int bin = 0; bin < num_bins; ++bin) {
+    if (counts[bin] == 0.0) continue;
+    const double s =
+        scale * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
+    for (const double variance : variances) {
+      gaussians.push_back(std::exp(-0.5 * s / variance));
+    }
+  }
+
   std::vector<double> posterior(variances.size());
   for (int iteration = 0; iteration < kNumIterations; ++iteration) {
     std::vector<double> new_shares(variances.size(), 0.0);
+    const double* gaussian = gaussians.data();
     for (int bin = 0; bin < num_bins; ++bin) {
       if (counts[bin] == 0.0) continue;
-      const double s =
-          scale * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
       double sum = 0.0;
       for (size_t k = 0; k < variances.size(); ++k) {
-        posterior[k] = shares[k] / std::sqrt(variances[k]) *
-                       std::exp(-0.5 * s / variances[k]);
+        posterior[k] = shares[k] / std::sqrt(variances[k]) * *gaussian++;
         sum += posterior[k];
       }
       // Beyond all components: the widest one takes it.

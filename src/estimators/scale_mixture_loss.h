@@ -33,8 +33,9 @@ struct NoiseComponent {
 // cost = sum 1/2 rho is in units of the noise: its Hessian is an information.
 class ScaleMixtureLoss final : public ceres::LossFunction {
  public:
-  // Fits the mixture. Needs at least one sample.
-  explicit ScaleMixtureLoss(const std::vector<NoiseSample>& samples);
+  // Fits the mixture to the samples of all ranks. Needs at least one.
+  explicit ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
+                            const Communicator& ranks = Alone());
 
   // rho[0..2] = rho(s), rho'(s), rho''(s).
   void Evaluate(double s, double rho[3]) const override;

@@ -121,10 +121,15 @@ void CompareWithOthers(const std::vector<std::optional<CameraDrift>>& drifts,
           kMaxStds + kMaxPrincipalPointStdsOfFew / num_others;
 }
 
-// Rotation vectors (degrees) from the known to the frames' rotations.
+// Rotation vectors (degrees) from the known to the frames' rotations, those of
+// all ranks.
 std::vector<std::vector<Eigen::Vector3d>> RotationVectors(
     const Scene& scene, const Estimate& estimate) {
-  std::vector<std::vector<Eigen::Vector3d>> by_camera(scene.cameras.size());
+  struct Rotation {
+    size_t camera_idx;
+    double vector[3];
+  };
+  std::vector<Rotation> rotations;
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     const std::vector<FrameImage>& images = scene.frames[f].images;
     for (size_t i = 0; i < images.size(); ++i) {
@@ -132,9 +137,14 @@ std::vector<std::vector<Eigen::Vector3d>> RotationVectors(
       const Eigen::AngleAxisd difference(
           estimate.frames[f].images[i].cam_from_world.rotation *
           scene.cameras[camera_idx].cam_from_world.rotation.conjugate());
-      by_camera[camera_idx].push_back(difference.angle() * 180.0 / M_PI *
-                                      difference.axis());
+      const Eigen::Vector3d vector =
+          difference.angle() * 180.0 / M_PI * difference.axis();
+      rotations.push_back({camera_idx, {vector.x(), vector.y(), vector.z()}});
     }
+  }
+  std::vector<std::vector<Eigen::Vector3d>> by_camera(scene.cameras.size());
+  for (const Rotation& rotation : Concatenate(*scene.ranks, rotations)) {
+    by_camera[rotation.camera_idx].emplace_back(rotation.vector);
   }
   return by_camera;
 }

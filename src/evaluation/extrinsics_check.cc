@@ -5,6 +5,8 @@
 #include <limits>
 
 #include "src/util/median.h"
+#include "src/util/order_statistics.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -51,15 +53,21 @@ std::vector<double> RobustStdByCamera(
   }
   std::vector<double> stds_px;
   for (const std::vector<double>& squared : by_camera) {
-    stds_px.push_back(std::sqrt(UpperMedian(squared) / (2.0 * std::log(2.0))));
+    stds_px.push_back(
+        std::sqrt(UpperMedian(squared, *scene.ranks) / (2.0 * std::log(2.0))));
   }
   return stds_px;
 }
 
 std::vector<double> OwnSquaredResiduals(const Scene& scene,
-                                        const Estimate& estimate) {
-  std::vector<double> squared_residuals;
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
+                                        const Estimate& estimate,
+                                        int num_threads) {
+  std::vector<size_t> begins = {0};
+  for (const Frame& frame : scene.frames) {
+    begins.push_back(begins.back() + frame.observations.size());
+  }
+  std::vector<double> squared_residuals(begins.back());
+  ParallelFor(scene.frames.size(), num_threads, [&](size_t f) {
     const Frame& frame = scene.frames[f];
     const FrameEstimate& own = estimate.frames[f];
     for (size_t i = 0; i < frame.NumPoints(); ++i) {
@@ -74,13 +82,13 @@ std::vector<double> OwnSquaredResiduals(const Scene& scene,
         scene.cameras[camera_idx].model->Project(
             image.params.data(), p.x() / p.z(), p.y() / p.z(), xy.data());
         const double squared = (xy - observation.xy).squaredNorm();
-        squared_residuals.push_back(
+        squared_residuals[begins[f] + k] =
             p.z() > 0.0 && std::isfinite(squared)
                 ? squared
-                : std::numeric_limits<double>::infinity());
+                : std::numeric_limits<double>::infinity();
       }
     }
-  }
+  });
   return squared_residuals;
 }
 

@@ -20,7 +20,8 @@ std::vector<double> RobustStdByCamera(
 // Squared residual norms (px^2) under the poses, intrinsics and points of
 // Estimate::frames; infinite for points behind the camera.
 std::vector<double> OwnSquaredResiduals(const Scene& scene,
-                                        const Estimate& estimate);
+                                        const Estimate& estimate,
+                                        int num_threads = -1);
 
 struct ExtrinsicsContradiction {
   size_t camera_idx = 0;

@@ -71,6 +71,7 @@ std::vector<RigCamera> ReplaceImplausibleIntrinsics(
     const std::vector<FrameEstimate>& frames,
     std::vector<RigCamera> cameras) {
   Scene plausible_scene;
+  plausible_scene.ranks = scene.ranks;
   std::vector<FrameEstimate> plausible_frames;
   for (size_t f = 0; f < frames.size(); ++f) {
     plausible_scene.frames.emplace_back();
@@ -109,19 +110,34 @@ std::vector<RigCamera> WithMedianIntrinsics(
     const Scene& scene,
     const std::vector<FrameEstimate>& frames,
     std::vector<RigCamera> cameras) {
-  for (size_t c = 0; c < cameras.size(); ++c) {
-    RigCamera& camera = cameras[c];
-    if (camera.model == nullptr) continue;
-    camera.params.resize(camera.model->NumParams());
-    for (size_t j = 0; j < camera.params.size(); ++j) {
-      std::vector<double> values;
-      for (size_t f = 0; f < frames.size(); ++f) {
-        for (size_t i = 0; i < frames[f].images.size(); ++i) {
-          if (scene.frames[f].images[i].camera_idx != c) continue;
-          values.push_back(frames[f].images[i].params[j]);
-        }
+  struct Param {
+    size_t camera_idx;
+    size_t idx;
+    double value;
+  };
+  std::vector<Param> params;
+  for (size_t f = 0; f < frames.size(); ++f) {
+    for (size_t i = 0; i < frames[f].images.size(); ++i) {
+      const std::vector<double>& values = frames[f].images[i].params;
+      for (size_t j = 0; j < values.size(); ++j) {
+        params.push_back({scene.frames[f].images[i].camera_idx, j, values[j]});
       }
-      if (!values.empty()) camera.params[j] = Median(values);
+    }
+  }
+  std::vector<std::vector<std::vector<double>>> values(cameras.size());
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    if (cameras[c].model == nullptr) continue;
+    cameras[c].params.resize(cameras[c].model->NumParams());
+    values[c].resize(cameras[c].params.size());
+  }
+  for (const Param& param : Concatenate(*scene.ranks, params)) {
+    std::vector<std::vector<double>>& camera_values = values[param.camera_idx];
+    if (param.idx >= camera_values.size()) continue;  // without a model
+    camera_values[param.idx].push_back(param.value);
+  }
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    for (size_t j = 0; j < values[c].size(); ++j) {
+      if (!values[c][j].empty()) cameras[c].params[j] = Median(values[c][j]);
     }
   }
   return cameras;

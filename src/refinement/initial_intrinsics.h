@@ -10,8 +10,8 @@
 
 namespace mfir {
 
-// `cameras` with the median of the intrinsics of their images in `frames`;
-// cameras without an image stay as they are.
+// `cameras` with the median of the intrinsics of their images in `frames`,
+// those of all ranks; cameras without an image stay as they are.
 std::vector<RigCamera> WithMedianIntrinsics(
     const Scene& scene,
     const std::vector<FrameEstimate>& frames,

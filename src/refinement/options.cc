@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include "src/util/errors.h"
 #include "src/util/option_checks.h"
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 
@@ -153,8 +153,7 @@ int MultiFrameOptions::NumScheduleSolves() const {
 }
 
 int MultiFrameOptions::EffectiveNumThreads() const {
-  return num_threads > 0 ? num_threads
-                         : std::max(1u, std::thread::hardware_concurrency());
+  return num_threads > 0 ? num_threads : NumThreadsOfMachine();
 }
 
 }  // namespace mfir

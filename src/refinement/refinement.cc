@@ -81,22 +81,24 @@ class Refiner {
       : options_(options),
         callback_(callback),
         scene_(scene),
+        ranks_(*scene.ranks),
         estimate_(std::move(start)) {}
 
   RefinementResult Run(bool from_frames) {
-    std_px_ = RobustStd(Samples({}).keypoints);
+    std_px_ = RobustStd(Samples({}).keypoints, ranks_);
     if (from_frames || EstimatesLoss()) Approach("principal_points");
     // Features are looked for near keypoints, and need no better start.
     if (EstimatesLoss() && HasFeatures()) {
-      feature_std_px_ = RobustStd(Samples(MakeCauchyLosses().Get()).features);
+      feature_std_px_ =
+          RobustStd(Samples(MakeCauchyLosses().Get()).features, ranks_);
       Approach("start");
     }
     // From a fit with a broad loss only: a sharp loss pulls points onto few of
     // their observations, and its residuals would sharpen it further.
     const CauchyLosses cauchy = MakeCauchyLosses();
     const NoiseSampleSets samples = Samples(cauchy.Get());
-    const ScaleMixtureLoss noise(samples.keypoints);
-    const ScaleMixtureLoss feature_noise(samples.features);
+    const ScaleMixtureLoss noise(samples.keypoints, ranks_);
+    const ScaleMixtureLoss feature_noise(samples.features, ranks_);
     const ceres::ScaledLoss feature_loss(&feature_noise,
                                          options_.featuremetric_weight,
                                          ceres::DO_NOT_TAKE_OWNERSHIP);
@@ -126,8 +128,9 @@ class Refiner {
     result.covariance = summary.covariance;
     result.held_cameras = summary.held_cameras;
     const ScaleMixtureLoss reported_noise =
-        EstimatesLoss() ? noise
-                        : ScaleMixtureLoss(Samples(cauchy.Get()).keypoints);
+        EstimatesLoss()
+            ? noise
+            : ScaleMixtureLoss(Samples(cauchy.Get()).keypoints, ranks_);
     result.noise_std_px = reported_noise.InlierStd();
     result.outlier_share = reported_noise.OutlierShare();
     result.noise_components = reported_noise.Components();
@@ -200,7 +203,9 @@ class Refiner {
     if (name == "final") {
       solver_options.compute_covariance = true;
       solver_options.repeated_tracks =
-          GroupOverlappingTracks(scene_, FindStaticPoints(scene_));
+          GroupOverlappingTracks(
+              scene_,
+              FindStaticPoints(scene_, options_.EffectiveNumThreads()));
     }
     solver_options.num_threads = options_.EffectiveNumThreads();
     for (const RigCamera& camera : scene_.cameras) {
@@ -216,6 +221,7 @@ class Refiner {
       solver_options.min_information = options_.min_information;
     }
     solver_options.weak_distortion_prior = options_.min_information != 0.0;
+    const size_t num_frames = Sum(ranks_, scene_.frames.size());
     double weight_sum = 0.0;
     double num_observations = 0.0;
     for (const Frame& frame : scene_.frames) {
@@ -223,7 +229,7 @@ class Refiner {
       const double divisor =
           EstimatesLoss() ? 1.0
                           : static_cast<double>(
-                                scene_.frames.size() *
+                                num_frames *
                                 std::max<size_t>(frame.observations.size(), 1));
       const double weight = options_.reprojection_weight / divisor;
       solver_options.frame_weights.push_back(weight);
@@ -232,7 +238,7 @@ class Refiner {
     }
     // What a squared residual of one standard deviation weighs in the cost.
     solver_options.prior_weight =
-        weight_sum / std::max(num_observations, 1.0) *
+        Sum(ranks_, weight_sum) / std::max(Sum(ranks_, num_observations), 1.0) *
         (losses.is_likelihood ? 1.0 : std_px_ * std_px_);
     FixedExtrinsicsSummary summary =
         SolveFixedExtrinsics(solver_options, scene_, std::move(estimate_));
@@ -255,7 +261,9 @@ class Refiner {
     stage.termination = summary.converged  ? "converged"
                         : Stalled(summary) ? "failed"
                                            : "max_num_iterations";
-    stage.rms_px = InlierRms(SquaredResiduals(scene_, estimate_));
+    stage.rms_px = InlierRms(
+        SquaredResiduals(scene_, estimate_, options_.EffectiveNumThreads()),
+        ranks_);
     callback_(stage);
     return summary;
   }
@@ -272,9 +280,11 @@ class Refiner {
       const std::string name = i == 0 ? first_name : "start";
       Solve(name, losses.Get(), kStartStepTolerance, kTolerance);
       const NoiseSampleSets samples = Samples(losses.Get());
-      const double std_px = RoundedStd(RobustStd(samples.keypoints));
+      const double std_px = RoundedStd(RobustStd(samples.keypoints, ranks_));
       const double feature_std_px =
-          feature_std_px_ > 0.0 ? RoundedStd(RobustStd(samples.features)) : 0.0;
+          feature_std_px_ > 0.0
+              ? RoundedStd(RobustStd(samples.features, ranks_))
+              : 0.0;
       const bool falls = std_px < std_px_ || feature_std_px < feature_std_px_;
       const bool stays = std_px == std_px_ && feature_std_px == feature_std_px_;
       // Of the principal points alone nothing follows about the scale.
@@ -296,7 +306,7 @@ class Refiner {
         // Noise-free data has residuals of rounding size, or none at all.
         sample.squared = std::max(sample.squared, kMinStd * kMinStd);
       }
-      if (samples->empty()) samples->push_back({1.0, 1.0});
+      if (Sum(ranks_, samples->size()) == 0) samples->push_back({1.0, 1.0});
     }
     return sets;
   }
@@ -304,6 +314,7 @@ class Refiner {
   const MultiFrameOptions& options_;
   const StageCallback& callback_;
   const Scene& scene_;
+  const Communicator& ranks_;
   Estimate estimate_;
   double std_px_ = 0.0;
   // Of a typical feature; 0: features take no part (yet).

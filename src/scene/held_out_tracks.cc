@@ -65,7 +65,7 @@ Selection HoldOutTracks(double share, const Scene& scene, Selection selection) {
     const Observation* begin = track.observations.data();
     hold_out(begin, begin + track.observations.size(), &track.role);
   }
-  return is_any_left ? selection : all;
+  return Any(*scene.ranks, is_any_left) ? selection : all;
 }
 
 }  // namespace mfir

@@ -2,20 +2,22 @@
 
 #include <cmath>
 
-#include "src/util/median.h"
+#include "src/util/order_statistics.h"
 
 namespace mfir {
 
-double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals) {
+double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals,
+                                const Communicator& ranks) {
   constexpr double kMaxStds = 4.0;
-  if (squared_residuals.empty()) return 0.0;
+  if (Sum(ranks, squared_residuals.size()) == 0) return 0.0;
   // |r|^2 of 2D Gaussian noise has the median 2 ln(2) sigma^2.
-  return kMaxStds * kMaxStds * Median(squared_residuals) /
+  return kMaxStds * kMaxStds * Median(squared_residuals, ranks) /
          (2.0 * std::log(2.0));
 }
 
-double InlierRms(const std::vector<double>& squared_residuals) {
-  const double max_squared = MaxInlierSquaredResidual(squared_residuals);
+double InlierRms(const std::vector<double>& squared_residuals,
+                 const Communicator& ranks) {
+  const double max_squared = MaxInlierSquaredResidual(squared_residuals, ranks);
   double sum = 0.0;
   double count = 0.0;
   for (const double squared : squared_residuals) {
@@ -23,7 +25,7 @@ double InlierRms(const std::vector<double>& squared_residuals) {
     sum += squared;
     count += 1.0;
   }
-  return std::sqrt(sum / count);
+  return std::sqrt(Sum(ranks, sum) / Sum(ranks, count));
 }
 
 std::vector<double> RmsByCamera(const Scene& scene,
@@ -44,6 +46,8 @@ std::vector<double> RmsByCamera(const Scene& scene,
       ++k;
     }
   }
+  scene.ranks->Sum(sums.data(), sums.size());
+  scene.ranks->Sum(counts.data(), counts.size());
   for (size_t i = 0; i < sums.size(); ++i) {
     sums[i] = std::sqrt(sums[i] / counts[i]);  // NaN without observations
   }

@@ -1,20 +1,24 @@
-// What is reported of residuals.
+// What is reported of residuals, those of all ranks.
 
 #pragma once
 
 #include <vector>
 
 #include "src/scene/scene.h"
+#include "src/util/communicator.h"
 
 namespace mfir {
 
 // The rule for outliers in everything that is reported: residual norm above 4
 // sigma, where sigma = sqrt(median / (2 ln 2)) is the standard deviation of
 // Gaussian noise with the same median of squared norms.
-double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals);
+double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals,
+                                const Communicator& ranks = Alone());
 
-// Root mean square (px) of the residual norms without outliers.
-double InlierRms(const std::vector<double>& squared_residuals);
+// Root mean square (px) of the residual norms without outliers; NaN without
+// residuals.
+double InlierRms(const std::vector<double>& squared_residuals,
+                 const Communicator& ranks = Alone());
 
 // Root mean square (px) of the selected residual norms: one value per rig
 // camera, then the one over all; NaN without observations.

@@ -15,6 +15,7 @@
 
 #include "src/geometry/rigid3.h"
 #include "src/sensor/camera_model.h"
+#include "src/util/communicator.h"
 
 namespace mfir {
 
@@ -110,6 +111,9 @@ struct Scene {
   // refinement starts from and that priors pull to.
   std::vector<RigCamera> cameras;
   std::vector<Frame> frames;
+  // Who has the other frames of the capture, if any: sums and medians are those
+  // of all frames.
+  const Communicator* ranks = &Alone();
 };
 
 }  // namespace mfir

@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "src/util/parallel_for.h"
+
 namespace mfir {
 namespace {
 
@@ -35,21 +37,26 @@ Selection FittedTracks(const Scene& scene) {
 SceneEstimate SelectTracks(const Selection& selection,
                            TrackRole role,
                            const Scene& scene,
-                           const Estimate& estimate) {
+                           const Estimate& estimate,
+                           int num_threads) {
   SceneEstimate selected;
+  selected.scene.ranks = scene.ranks;
   selected.scene.cameras = scene.cameras;
   selected.estimate.cameras = estimate.cameras;
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
+  selected.scene.frames.resize(scene.frames.size());
+  selected.estimate.frames.resize(scene.frames.size());
+  ParallelFor(scene.frames.size(), num_threads, [&](size_t f) {
     const Frame& frame = scene.frames[f];
-    selected.scene.frames.push_back(WithoutTracks(frame));
-    FrameEstimate& frame_estimate = selected.estimate.frames.emplace_back();
+    Frame& selected_frame = selected.scene.frames[f];
+    selected_frame = WithoutTracks(frame);
+    FrameEstimate& frame_estimate = selected.estimate.frames[f];
     frame_estimate.images = estimate.frames[f].images;
     for (size_t i = 0; i < frame.NumPoints(); ++i) {
       if (selection.roles[f][i] != role) continue;
-      AppendTrack(frame, i, &selected.scene.frames.back());
+      AppendTrack(frame, i, &selected_frame);
       frame_estimate.points.push_back(estimate.frames[f].points[i]);
     }
-  }
+  });
   for (const MergedTrack& track : selection.merged) {
     if (track.role != role) continue;
     Frame& frame = selected.scene.frames[track.frame_idx];

@@ -40,7 +40,8 @@ Selection FittedTracks(const Scene& scene);
 SceneEstimate SelectTracks(const Selection& selection,
                            TrackRole role,
                            const Scene& scene,
-                           const Estimate& estimate);
+                           const Estimate& estimate,
+                           int num_threads = -1);
 
 // The estimate of all tracks of the scene with the points of the tracks of
 // `role` from `selected`, an estimate of what SelectTracks gives for that role,

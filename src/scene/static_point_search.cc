@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <map>
+#include <cstring>
+#include <string>
 #include <unordered_map>
 #include <utility>
+
+#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -14,17 +17,115 @@ constexpr double kMaxDistance = 1.0;  // px
 // Of the grid. Larger cells: fewer to look into, but more keypoints in each.
 constexpr double kCellSize = 4.0;  // px
 constexpr size_t kMinNumCameras = 2;
+constexpr size_t kPointsPerChunk = 128;
+
+struct Keypoint {
+  size_t camera_idx;
+  Eigen::Vector2d xy;
+};
+
+// One per camera, ascending.
+void CollectKeypoints(const Frame& frame,
+                      size_t point_idx,
+                      std::vector<Keypoint>* keypoints) {
+  keypoints->clear();
+  for (size_t k = frame.track_begins[point_idx];
+       k < frame.track_begins[point_idx + 1];
+       ++k) {
+    const Observation& observation = frame.observations[k];
+    keypoints->push_back(
+        {frame.images[observation.image_idx].camera_idx, observation.xy});
+  }
+  const auto is_before = [](const Keypoint& a, const Keypoint& b) {
+    return a.camera_idx < b.camera_idx;
+  };
+  if (!std::is_sorted(keypoints->begin(), keypoints->end(), is_before)) {
+    std::stable_sort(keypoints->begin(), keypoints->end(), is_before);
+  }
+  keypoints->erase(std::unique(keypoints->begin(),
+                               keypoints->end(),
+                               [](const Keypoint& a, const Keypoint& b) {
+                                 return a.camera_idx == b.camera_idx;
+                               }),
+                   keypoints->end());
+}
+
+// The first keypoints of places in one camera, by cells of the image.
+class CameraGrid {
+ public:
+  void Add(const Eigen::Vector2d& xy, size_t place_idx) {
+    const auto [cell, is_new] =
+        cells_.emplace(Cell(CellOf(xy.x()), CellOf(xy.y())), kNone);
+    entries_.push_back({xy, place_idx, cell->second});
+    cell->second = entries_.size() - 1;
+  }
+
+  // Calls function(place_idx) for those within kMaxDistance.
+  template <typename Function>
+  void ForEachNear(const Eigen::Vector2d& xy, const Function& function) const {
+    for (int64_t x = CellOf(xy.x() - kMaxDistance);
+         x <= CellOf(xy.x() + kMaxDistance);
+         ++x) {
+      for (int64_t y = CellOf(xy.y() - kMaxDistance);
+           y <= CellOf(xy.y() + kMaxDistance);
+           ++y) {
+        const auto cell = cells_.find(Cell(x, y));
+        if (cell == cells_.end()) continue;
+        for (size_t i = cell->second; i != kNone; i = entries_[i].next) {
+          if ((entries_[i].xy - xy).norm() > kMaxDistance) continue;
+          function(entries_[i].place_idx);
+        }
+      }
+    }
+  }
+
+ private:
+  static constexpr size_t kNone = SIZE_MAX;
+
+  struct Entry {
+    Eigen::Vector2d xy;
+    size_t place_idx;
+    size_t next;  // in the same cell
+  };
+
+  static int64_t CellOf(double coordinate) {
+    return static_cast<int64_t>(
+        std::floor(std::clamp(coordinate, -1e9, 1e9) / kCellSize));
+  }
+
+  // Cells far apart may share a key: distances are checked anyway.
+  static uint64_t Cell(int64_t x, int64_t y) {
+    constexpr uint64_t kMask = (uint64_t{1} << 32) - 1;
+    return (static_cast<uint64_t>(x) << 32) |
+           (static_cast<uint64_t>(y) & kMask);
+  }
+
+  std::unordered_map<uint64_t, size_t> cells_;  // the last entry of each
+  std::vector<Entry> entries_;
+};
 
 // Where the tracks of the frames so far have been, each place with the first
 // keypoint in every camera.
 class Places {
  public:
+  explicit Places(size_t num_cameras)
+      : grids_(num_cameras), additions_(num_cameras) {}
+
   // Those that the track of a later frame shows, ascending.
-  std::vector<size_t> Find(const Frame& frame, size_t point_idx) {
-    std::vector<size_t> agreeing;
-    for (const auto& [camera_idx, xy] : Keypoints(frame, point_idx)) {
-      const std::vector<size_t> near = FindNear(camera_idx, xy);
-      agreeing.insert(agreeing.end(), near.begin(), near.end());
+  std::vector<size_t> Find(const Frame& frame, size_t point_idx) const {
+    thread_local std::vector<Keypoint> keypoints;
+    thread_local std::vector<size_t> agreeing;
+    CollectKeypoints(frame, point_idx, &keypoints);
+    agreeing.clear();
+    for (const Keypoint& keypoint : keypoints) {
+      // Each place once.
+      const size_t begin = agreeing.size();
+      grids_[keypoint.camera_idx].ForEachNear(
+          keypoint.xy,
+          [&](size_t place_idx) { agreeing.push_back(Root(place_idx)); });
+      std::sort(agreeing.begin() + begin, agreeing.end());
+      agreeing.erase(std::unique(agreeing.begin() + begin, agreeing.end()),
+                     agreeing.end());
     }
     std::sort(agreeing.begin(), agreeing.end());
     std::vector<size_t> places;
@@ -32,7 +133,7 @@ class Places {
       const auto end = std::upper_bound(begin, agreeing.end(), *begin);
       const size_t num_agreeing = static_cast<size_t>(end - begin);
       if (num_agreeing >= kMinNumCameras &&
-          2 * num_agreeing > NumShared(*begin, frame, point_idx)) {
+          2 * num_agreeing > NumShared(places_[*begin], keypoints)) {
         places.push_back(*begin);
       }
       begin = end;
@@ -53,12 +154,22 @@ class Places {
     for (const size_t idx : place_idxs) Unite(root, Root(idx));
     Place& place = places_[root];
     place.tracks.push_back(track);
-    for (const auto& [camera_idx, xy] : Keypoints(frame, track.point_idx)) {
-      if (Has(place, camera_idx)) continue;
-      place.camera_idxs.push_back(camera_idx);
-      grid_[Cell(camera_idx, CellOf(xy.x()), CellOf(xy.y()))].push_back(
-          {xy, root});
+    CollectKeypoints(frame, track.point_idx, &keypoints_);
+    for (const Keypoint& keypoint : keypoints_) {
+      if (Has(place, keypoint.camera_idx)) continue;
+      place.camera_idxs.push_back(keypoint.camera_idx);
+      additions_[keypoint.camera_idx].push_back({keypoint.xy, root});
     }
+  }
+
+  // What was added can be found from now on.
+  void FinishFrame(int num_threads) {
+    ParallelFor(grids_.size(), num_threads, [&](size_t i) {
+      for (const auto& [xy, place_idx] : additions_[i]) {
+        grids_[i].Add(xy, place_idx);
+      }
+      additions_[i].clear();
+    });
   }
 
   // By place; empty where it has become part of another.
@@ -73,37 +184,6 @@ class Places {
     std::vector<size_t> camera_idxs;
     std::vector<TrackIndex> tracks;
   };
-  struct Keypoint {
-    Eigen::Vector2d xy;
-    size_t place_idx;
-  };
-
-  // One per camera.
-  static std::map<size_t, Eigen::Vector2d> Keypoints(const Frame& frame,
-                                                     size_t point_idx) {
-    std::map<size_t, Eigen::Vector2d> keypoints;
-    for (size_t k = frame.track_begins[point_idx];
-         k < frame.track_begins[point_idx + 1];
-         ++k) {
-      const Observation& observation = frame.observations[k];
-      keypoints.emplace(frame.images[observation.image_idx].camera_idx,
-                        observation.xy);
-    }
-    return keypoints;
-  }
-
-  static int64_t CellOf(double coordinate) {
-    return static_cast<int64_t>(
-        std::floor(std::clamp(coordinate, -1e9, 1e9) / kCellSize));
-  }
-
-  // Cells far apart may share a key: distances are checked anyway.
-  static uint64_t Cell(size_t camera_idx, int64_t x, int64_t y) {
-    constexpr uint64_t kMask = (1u << 20) - 1;
-    return (static_cast<uint64_t>(camera_idx) << 40) |
-           ((static_cast<uint64_t>(x) & kMask) << 20) |
-           (static_cast<uint64_t>(y) & kMask);
-  }
 
   static bool Has(const Place& place, size_t camera_idx) {
     return std::find(place.camera_idxs.begin(),
@@ -111,11 +191,17 @@ class Places {
                      camera_idx) != place.camera_idxs.end();
   }
 
-  size_t Root(size_t place_idx) {
-    while (parents_[place_idx] != place_idx) {
-      parents_[place_idx] = parents_[parents_[place_idx]];
-      place_idx = parents_[place_idx];
+  static size_t NumShared(const Place& place,
+                          const std::vector<Keypoint>& keypoints) {
+    size_t count = 0;
+    for (const Keypoint& keypoint : keypoints) {
+      count += Has(place, keypoint.camera_idx);
     }
+    return count;
+  }
+
+  size_t Root(size_t place_idx) const {
+    while (parents_[place_idx] != place_idx) place_idx = parents_[place_idx];
     return place_idx;
   }
 
@@ -131,60 +217,35 @@ class Places {
     }
   }
 
-  // Each once.
-  std::vector<size_t> FindNear(size_t camera_idx, const Eigen::Vector2d& xy) {
-    std::vector<size_t> near;
-    for (int64_t x = CellOf(xy.x() - kMaxDistance);
-         x <= CellOf(xy.x() + kMaxDistance);
-         ++x) {
-      for (int64_t y = CellOf(xy.y() - kMaxDistance);
-           y <= CellOf(xy.y() + kMaxDistance);
-           ++y) {
-        const auto cell = grid_.find(Cell(camera_idx, x, y));
-        if (cell == grid_.end()) continue;
-        for (const Keypoint& keypoint : cell->second) {
-          if ((keypoint.xy - xy).norm() > kMaxDistance) continue;
-          near.push_back(Root(keypoint.place_idx));
-        }
-      }
-    }
-    std::sort(near.begin(), near.end());
-    near.erase(std::unique(near.begin(), near.end()), near.end());
-    return near;
-  }
-
-  size_t NumShared(size_t place_idx,
-                   const Frame& frame,
-                   size_t point_idx) const {
-    size_t count = 0;
-    for (const auto& camera_and_xy : Keypoints(frame, point_idx)) {
-      count += Has(places_[place_idx], camera_and_xy.first);
-    }
-    return count;
-  }
-
   std::vector<Place> places_;
-  std::vector<size_t> parents_;  // of a root: itself
-  std::unordered_map<uint64_t, std::vector<Keypoint>> grid_;
+  std::vector<size_t> parents_;    // of a root: itself
+  std::vector<CameraGrid> grids_;  // by camera
+  // Of the frame at hand, by camera.
+  std::vector<std::vector<std::pair<Eigen::Vector2d, size_t>>> additions_;
+  std::vector<Keypoint> keypoints_;
 };
 
-}  // namespace
-
-std::vector<std::vector<TrackIndex>> FindStaticPoints(const Scene& scene) {
+// In the scene of one process.
+StaticPoints FindInOneProcess(const Scene& scene, int num_threads) {
   if (scene.frames.size() < 2) return {};
-  Places places;
+  Places places(scene.cameras.size());
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     const Frame& frame = scene.frames[f];
     // Tracks of one frame are different points.
-    std::vector<std::vector<size_t>> found;
-    for (size_t i = 0; i < frame.NumPoints(); ++i) {
-      found.push_back(places.Find(frame, i));
-    }
+    std::vector<std::vector<size_t>> found(frame.NumPoints());
+    const size_t num_chunks =
+        (frame.NumPoints() + kPointsPerChunk - 1) / kPointsPerChunk;
+    ParallelFor(num_chunks, num_threads, [&](size_t chunk) {
+      const size_t begin = chunk * kPointsPerChunk;
+      const size_t end = std::min(frame.NumPoints(), begin + kPointsPerChunk);
+      for (size_t i = begin; i < end; ++i) found[i] = places.Find(frame, i);
+    });
     for (size_t i = 0; i < frame.NumPoints(); ++i) {
       places.Add(found[i], {f, i}, frame);
     }
+    places.FinishFrame(num_threads);
   }
-  std::vector<std::vector<TrackIndex>> points;
+  StaticPoints points;
   for (std::vector<TrackIndex>& tracks : places.TakeTracks()) {
     if (tracks.empty()) continue;
     std::sort(tracks.begin(), tracks.end());
@@ -192,6 +253,116 @@ std::vector<std::vector<TrackIndex>> FindStaticPoints(const Scene& scene) {
     points.push_back(std::move(tracks));
   }
   return points;
+}
+
+// What the search needs of the tracks of a rank.
+struct PackedObservation {
+  size_t camera_idx;
+  double xy[2];
+};
+
+std::string PackObservations(const Scene& scene) {
+  std::vector<PackedObservation> packed;
+  for (const Frame& frame : scene.frames) {
+    for (const Observation& observation : frame.observations) {
+      packed.push_back({frame.images[observation.image_idx].camera_idx,
+                        {observation.xy.x(), observation.xy.y()}});
+    }
+  }
+  return std::string(reinterpret_cast<const char*>(packed.data()),
+                     packed.size() * sizeof(PackedObservation));
+}
+
+// Appends the observations of a rank to frames that have their tracks, the
+// images of which are the cameras.
+void UnpackObservations(const std::string& bytes,
+                        size_t* next_frame,
+                        Scene* scene) {
+  const char* data = bytes.data();
+  while (data < bytes.data() + bytes.size()) {
+    Frame& frame = scene->frames[(*next_frame)++];
+    // None in frames without observations.
+    frame.observations.resize(frame.track_begins.back());
+    for (Observation& observation : frame.observations) {
+      PackedObservation packed;
+      std::memcpy(&packed, data, sizeof(packed));
+      data += sizeof(packed);
+      observation.image_idx = packed.camera_idx;
+      observation.xy = {packed.xy[0], packed.xy[1]};
+    }
+  }
+}
+
+// The scene of all ranks on the first one, as far as the search needs it.
+Scene GatherTracks(const Scene& scene) {
+  const Communicator& ranks = *scene.ranks;
+  std::vector<size_t> sizes;
+  std::vector<size_t> lengths;
+  for (const Frame& frame : scene.frames) {
+    sizes.push_back(frame.NumPoints());
+    for (size_t i = 0; i < frame.NumPoints(); ++i) {
+      lengths.push_back(frame.track_begins[i + 1] - frame.track_begins[i]);
+    }
+  }
+  sizes = Concatenate(ranks, sizes);
+  lengths = Concatenate(ranks, lengths);
+  Scene all;
+  all.cameras = scene.cameras;
+  size_t next = 0;
+  for (const size_t num_points : sizes) {
+    Frame& frame = all.frames.emplace_back();
+    for (size_t i = 0; i < scene.cameras.size(); ++i) {
+      frame.images.push_back({i});
+    }
+    for (size_t i = 0; i < num_points; ++i) {
+      frame.track_begins.push_back(frame.track_begins.back() + lengths[next++]);
+    }
+  }
+  size_t next_frame = 0;
+  for (const std::string& bytes : ranks.Gather(PackObservations(scene))) {
+    UnpackObservations(bytes, &next_frame, &all);
+  }
+  return all;
+}
+
+struct GroupedTrack {
+  size_t group;
+  TrackIndex track;
+};
+
+StaticPoints FindOverRanks(const Scene& scene, int num_threads) {
+  const Communicator& ranks = *scene.ranks;
+  size_t first_frame = 0;
+  const std::vector<size_t> num_frames =
+      Concatenate(ranks, std::vector<size_t>{scene.frames.size()});
+  for (int rank = 0; rank < ranks.Rank(); ++rank) {
+    first_frame += num_frames[rank];
+  }
+  const Scene all = GatherTracks(scene);
+  std::vector<GroupedTrack> tracks;
+  if (ranks.IsFirst()) {
+    const StaticPoints points = FindInOneProcess(all, num_threads);
+    for (size_t g = 0; g < points.size(); ++g) {
+      for (const TrackIndex& track : points[g]) tracks.push_back({g, track});
+    }
+  }
+  StaticPoints points;
+  for (const auto& [group, track] : Concatenate(ranks, tracks)) {
+    points.resize(group + 1);
+    if (track.frame_idx < first_frame ||
+        track.frame_idx >= first_frame + scene.frames.size()) {
+      continue;
+    }
+    points[group].push_back({track.frame_idx - first_frame, track.point_idx});
+  }
+  return points;
+}
+
+}  // namespace
+
+StaticPoints FindStaticPoints(const Scene& scene, int num_threads) {
+  return scene.ranks->IsAlone() ? FindInOneProcess(scene, num_threads)
+                                : FindOverRanks(scene, num_threads);
 }
 
 }  // namespace mfir

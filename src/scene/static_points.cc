@@ -80,8 +80,9 @@ size_t NumObservations(const Scene& scene) {
 
 Selection SelectStaticPoints(const std::string& treatment,
                              const Scene& scene,
-                             StaticPointStatistics* statistics) {
-  const std::vector<std::vector<TrackIndex>> points = FindStaticPoints(scene);
+                             StaticPointStatistics* statistics,
+                             int num_threads) {
+  const StaticPoints points = FindStaticPoints(scene, num_threads);
   const TrackRole role = treatment == "keep"    ? TrackRole::kFitted
                          : treatment == "merge" ? TrackRole::kMerged
                                                 : TrackRole::kDropped;
@@ -101,7 +102,10 @@ Selection SelectStaticPoints(const std::string& treatment,
       selection.merged.push_back(MergeTracks(scene, tracks));
     }
   }
-  const size_t num_all = NumObservations(scene);
+  const Communicator& ranks = *scene.ranks;
+  statistics->num_tracks = Sum(ranks, statistics->num_tracks);
+  num_observations = Sum(ranks, num_observations);
+  const size_t num_all = Sum(ranks, NumObservations(scene));
   if (num_all > 0) {
     statistics->observation_share =
         static_cast<double>(num_observations) / static_cast<double>(num_all);

@@ -26,9 +26,11 @@ struct StaticPointStatistics {
 // point takes part. "keep": all are fitted; RefineFixedExtrinsics takes the
 // tracks of a static point for one piece of evidence in the covariance.
 //
-// Throws InputError if "drop" leaves nothing.
+// The statistics are those of all ranks; "merge" is for one process. Throws
+// InputError if "drop" leaves nothing.
 Selection SelectStaticPoints(const std::string& treatment,
                              const Scene& scene,
-                             StaticPointStatistics* statistics);
+                             StaticPointStatistics* statistics,
+                             int num_threads = -1);
 
 }  // namespace mfir

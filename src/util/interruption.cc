@@ -38,6 +38,7 @@ struct State {
   std::atomic<bool> given_up{false};
   // For what is done where there is no memory left.
   std::unique_ptr<std::array<char, 1 << 20>> reserve;
+  std::atomic<bool> silent{false};
 };
 
 // Never destroyed: the signal thread outlives main.
@@ -75,7 +76,7 @@ void Print(const std::string& line) {
     std::error_code ignored;
     fs::remove_all(path, ignored);
   }
-  Print(line);
+  if (!state.silent) Print(line);
   _exit(exit_code);
 }
 
@@ -153,6 +154,8 @@ void EndCleanlyAtSignals() {
   }();
   static_cast<void>(started);
 }
+
+void EndSilentlyAtSignals() { GetState().silent = true; }
 
 void WaitIfInterrupted() {
   while (GetState().interrupted) {

@@ -14,6 +14,9 @@ namespace mfir {
 // called before other threads start; calling it again does nothing.
 void EndCleanlyAtSignals();
 
+// From now on without the line: another process prints it.
+void EndSilentlyAtSignals();
+
 // Does not return if such a signal has come: what fails now fails because of
 // it.
 void WaitIfInterrupted();

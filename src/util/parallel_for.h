@@ -2,6 +2,8 @@
 
 #pragma once
 
+#include <sched.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
@@ -10,7 +12,37 @@
 #include <thread>
 #include <vector>
 
+#include "src/util/cpu_time.h"
+
 namespace mfir {
+
+namespace internal {
+inline int num_processes_of_machine = 1;
+inline int max_num_threads = -1;
+}  // namespace internal
+
+// How many processes of a run share this machine.
+inline void ShareMachine(int num_processes) {
+  internal::num_processes_of_machine = std::max(1, num_processes);
+}
+
+// What the user has chosen (-1: nothing), for loops that nobody tells.
+inline void LimitThreads(int num_threads) {
+  internal::max_num_threads = num_threads;
+}
+
+// Threads for this process: what LimitThreads says, else those of the machine,
+// or its share, and no more than the processors that it may use.
+inline int NumThreadsOfMachine() {
+  if (internal::max_num_threads > 0) return internal::max_num_threads;
+  int num = static_cast<int>(std::thread::hardware_concurrency()) /
+            internal::num_processes_of_machine;
+  cpu_set_t processors;
+  if (sched_getaffinity(0, sizeof(processors), &processors) == 0) {
+    num = std::min(num, CPU_COUNT(&processors));
+  }
+  return std::max(1, num);
+}
 
 // Calls function(worker, i) for i in [0, count) on `num_threads` threads, each
 // with a worker of its own: what make_worker() returns. The calling thread is
@@ -28,6 +60,7 @@ void ParallelForWithWorkers(size_t count,
   std::vector<std::exception_ptr> exceptions(count);
   std::atomic<size_t> next = 0;
   const auto run = [&]() {
+    const internal::LoopTimer timer(count);
     size_t i = next++;
     if (i >= count) return;
     try {
@@ -71,9 +104,7 @@ void ParallelFor(size_t count, int num_threads, const Function& function) {
     Scope() { internal::is_within_loop = true; }
     ~Scope() { internal::is_within_loop = before; }
   };
-  if (num_threads <= 0) {
-    num_threads = static_cast<int>(std::thread::hardware_concurrency());
-  }
+  if (num_threads <= 0) num_threads = NumThreadsOfMachine();
   if (internal::is_within_loop) num_threads = 1;
   ParallelForWithWorkers(
       count,
