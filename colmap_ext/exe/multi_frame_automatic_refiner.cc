@@ -13,6 +13,7 @@
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/exe/refiner_options.h"
 #include "colmap_ext/host/log.h"
+#include "colmap_ext/host/options.h"
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/options/triangulator_options.h"
@@ -30,7 +31,8 @@ struct Argument {
 };
 
 std::set<std::string> Names(const OptionParser& parser) {
-  std::set<std::string> names = {"project_path"};
+  const std::vector<std::string>& common = host::CommonOptionNames();
+  std::set<std::string> names(common.begin(), common.end());
   const nlohmann::ordered_json options = parser.ToJson();
   for (const auto& option : options.items()) names.insert(option.key());
   return names;
@@ -217,6 +219,8 @@ void CheckNames(const std::vector<Argument>& arguments,
                        "--workspace_path.");
     }
     if (names1.count(name) + names2.count(name) == 0) {
+      const std::string place = host::PlaceOfOption(name);
+      if (!place.empty()) throw UsageError(place);
       throw UsageError("--" + name +
                        " is an option of neither multi_frame_triangulator nor "
                        "multi_frame_intrinsics_refiner.");

@@ -333,14 +333,6 @@ void ReportFailures(const Communicator& ranks,
   }
 }
 
-// COLMAP's default asks for a GPU; without one it would end the program.
-void ChooseDevice(TriangulatorOptions* options) {
-  if (!host::HasGpuFeatures()) {
-    options->feature_extraction.use_gpu = false;
-    options->feature_matching.use_gpu = false;
-  }
-}
-
 }  // namespace
 
 int RunMultiFrameTriangulator(int argc, char** argv) {
@@ -354,7 +346,7 @@ int RunMultiFrameTriangulator(int argc, char** argv) {
         "--extrinsics_path RIG --output_path FRAMES");
     AddTriangulatorOptions(&options, &parser);
     parser.Parse(argc, argv);
-    ChooseDevice(&options);
+    ChooseFeatures(parser, &options);
     options.Check();
     LimitThreads(options.num_threads);
     if (!ranks.IsAlone() && HasVideosOnly(options.image_path)) {

@@ -7,6 +7,7 @@
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/io/model_io.h"
 #include "src/util/errors.h"
 
 namespace mfir {
@@ -18,13 +19,9 @@ void WriteFeatures(const std::vector<RigCamera>& cameras,
                    const std::vector<FrameFeatures>& features,
                    host::Database* database) {
   for (const FrameFeatures& image_features : features) {
-    const RigCamera& source = cameras[image_features.camera_idx];
     const auto id = static_cast<host::image_t>(image_features.camera_idx + 1);
-    host::Camera camera = host::MakeCamera(id,
-                                           CameraModelId(*source.model),
-                                           source.width,
-                                           source.height,
-                                           source.params);
+    host::Camera camera =
+        MakeHostCamera(id, cameras[image_features.camera_idx]);
     host::SetHasPriorFocalLength(true, &camera);
     host::Image image;
     image.SetImageId(id);
@@ -203,10 +200,11 @@ void FillDatabase(const TriangulatorOptions& options,
                      " readable images; at least 2 are needed");
   }
   timings->extraction = timer.ElapsedSeconds();
-  if (options.feature_matching.guided_matching) return;
+  if (options.MatchesAlongEpipolarLines()) return;
   timer.Restart();
   for (const FrameMatches& pair :
        MatchFeatures(options,
+                     cameras,
                      features,
                      pairs,
                      or_given(options.feature_matching.num_threads))) {

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "colmap_ext/feature/sift_extractor.h"
+#include "colmap_ext/io/model_io.h"
 #include "colmap_ext/rigs/rig_scaling.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"
@@ -204,14 +205,23 @@ std::vector<FrameFeatures> ExtractFeatures(
 
 std::vector<FrameMatches> MatchFeatures(
     const TriangulatorOptions& options,
+    const std::vector<RigCamera>& cameras,
     const std::vector<FrameFeatures>& features,
     const std::vector<std::pair<size_t, size_t>>& pairs,
     int num_threads) {
   using MatcherImage = host::FeatureMatcher::Image;
+  std::map<size_t, host::Camera> host_cameras;
   std::map<size_t, MatcherImage> images;
   for (const FrameFeatures& image : features) {
+    const auto id = static_cast<host::image_t>(image.camera_idx + 1);
     MatcherImage matcher_image;
-    matcher_image.image_id = static_cast<host::image_t>(image.camera_idx + 1);
+    matcher_image.image_id = id;
+    // LightGlue reads the size of the image.
+    matcher_image.camera =
+        &host_cameras
+             .emplace(image.camera_idx,
+                      MakeHostCamera(id, cameras[image.camera_idx]))
+             .first->second;
     matcher_image.keypoints = image.keypoints;
     matcher_image.descriptors = image.descriptors;
     images.emplace(image.camera_idx, matcher_image);

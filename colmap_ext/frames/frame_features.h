@@ -52,6 +52,7 @@ struct FrameMatches {
 // cameras.
 std::vector<FrameMatches> MatchFeatures(
     const TriangulatorOptions& options,
+    const std::vector<RigCamera>& cameras,
     const std::vector<FrameFeatures>& features,
     const std::vector<std::pair<size_t, size_t>>& pairs,
     int num_threads);

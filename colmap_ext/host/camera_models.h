@@ -44,7 +44,9 @@ struct CameraModelTraits {
   template <typename T>
   static void ImgFromCam(const T* params, const T& u, const T& v, T* x, T* y) {
 #if MFIR_COLMAP_MAJOR >= 4
-    if (!Model::ImgFromCam(params, u, v, T(1), x, y)) {
+    // On the axis the division models differentiate a square root at zero.
+    const T off_axis = u == T(0) && v == T(0) ? u + T(1e-150) : u;
+    if (!Model::ImgFromCam(params, off_axis, v, T(1), x, y)) {
       *x = *y = T(std::numeric_limits<double>::quiet_NaN());
     }
 #else

@@ -14,6 +14,7 @@
 #include "colmap_ext/host/image_file.h"
 
 #if MFIR_COLMAP_MAJOR >= 4
+#include "colmap/feature/aliked.h"
 #include "colmap/feature/extractor.h"
 #include "colmap/feature/matcher.h"
 #include "colmap/feature/sift.h"
@@ -88,6 +89,28 @@ inline FeatureDescriptors MakeSiftDescriptors(size_t num_descriptors) {
 inline bool IsSift([[maybe_unused]] const FeatureExtractionOptions& options) {
 #if MFIR_COLMAP_MAJOR >= 4
   return options.type == colmap::FeatureExtractorType::SIFT;
+#else
+  return true;
+#endif
+}
+
+// By the names of COLMAP 4, as the user gives them.
+struct FeatureTypes {
+  std::string extractor = "SIFT";
+  std::string matcher;  // empty: the one that goes with the extractor
+};
+
+// Sets the types in both. Throws UsageError for names that do not exist, a
+// matcher of other features, and what the host was built without.
+void SetFeatureTypes(const FeatureTypes& types,
+                     FeatureExtractionOptions* extraction,
+                     FeatureMatchingOptions* matching);
+
+// Whether matches are nearest neighbours of SIFT's descriptors.
+inline bool MatchesNearestSift(
+    [[maybe_unused]] const FeatureMatchingOptions& options) {
+#if MFIR_COLMAP_MAJOR >= 4
+  return options.type == colmap::FeatureMatcherType::SIFT_BRUTEFORCE;
 #else
   return true;
 #endif

@@ -22,7 +22,9 @@ SilentColmap::SilentColmap()
     : stdout_(std::cout.rdbuf()), min_log_level_(FLAGS_minloglevel) {
   std::cout.rdbuf(nullptr);
 #if MFIR_COLMAP_MAJOR >= 4
-  FLAGS_minloglevel = google::GLOG_ERROR;
+  const bool on_terminal =
+      FLAGS_logtostderr || FLAGS_alsologtostderr || FLAGS_logtostdout;
+  if (on_terminal && FLAGS_v == 0) FLAGS_minloglevel = google::GLOG_ERROR;
 #endif
 }
 

@@ -13,7 +13,8 @@ void PrintHeading1(const std::string& heading);
 void InitializeLog(char** argv);
 
 // Silences what COLMAP reports of its work, from all threads, for as long as
-// this object lives. COLMAP 3.8 reports on std::cout, 4 through glog.
+// this object lives. COLMAP 3.8 reports on std::cout, 4 through glog: not what
+// goes to a file only, or is asked for with --log_level.
 class SilentColmap {
  public:
   SilentColmap();

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "colmap_ext/host/util.h"
+
 #if MFIR_COLMAP_MAJOR >= 4
 #include <iostream>
 
@@ -24,13 +26,28 @@ struct Described : OptionManager {
   }
 };
 
+// COLMAP 4 would log to a file as well.
+void CheckLogTarget(const po::variables_map& map) {
+  const auto target = map["log_target"].as<std::string>();
+  for (const char* known : {"stderr", "stdout", "file", "stderr_and_file"}) {
+    if (target == known) return;
+  }
+  std::cerr << "ERROR: --log_target must be stderr, stdout, file or "
+               "stderr_and_file, but is "
+            << target << "." << std::endl;
+  std::exit(EXIT_FAILURE);
+}
+
 // COLMAP 4 reports help and errors through its log.
 void ReportAsColmap3(int argc, char** argv, const OptionManager& manager) {
   const po::options_description& options = Described::Options(manager);
   try {
     po::variables_map map;
     po::store(po::parse_command_line(argc, argv, options), map);
-    if (map.count("help") == 0) return;
+    if (map.count("help") == 0) {
+      CheckLogTarget(map);
+      return;
+    }
   } catch (const po::error& error) {
     std::cerr << "ERROR: Failed to parse options - " << error.what() << "."
               << std::endl;
@@ -87,6 +104,57 @@ const std::vector<std::string>& CommonOptionNames() {
       "help", "project_path", "random_seed", "log_to_stderr", "log_level"};
 #endif
   return names;
+}
+
+std::string PlaceOfOption(const std::string& name) {
+  struct Place {
+    const char* name;
+    const char* place;
+  };
+#if MFIR_COLMAP_MAJOR >= 4
+  const char* const kOther = "3.8";
+  static constexpr Place kPlaces[] = {
+      {"log_to_stderr", "--log_target stderr"},
+      {"random_seed", "--default_random_seed"},
+      {"SiftExtraction.num_threads", "--FeatureExtraction.num_threads"},
+      {"SiftExtraction.use_gpu", "--FeatureExtraction.use_gpu"},
+      {"SiftExtraction.gpu_index", "--FeatureExtraction.gpu_index"},
+      {"SiftExtraction.max_image_size", "--FeatureExtraction.max_image_size"},
+      {"SiftMatching.num_threads", "--FeatureMatching.num_threads"},
+      {"SiftMatching.use_gpu", "--FeatureMatching.use_gpu"},
+      {"SiftMatching.gpu_index", "--FeatureMatching.gpu_index"},
+      {"SiftMatching.max_num_matches", "--FeatureMatching.max_num_matches"},
+      {"SiftMatching.guided_matching", "--FeatureMatching.guided_matching"},
+      {"SiftMatching.min_num_inliers", "--TwoViewGeometry.min_num_inliers"}};
+#else
+  const char* const kOther = "4";
+  static constexpr Place kPlaces[] = {
+      {"log_target", "--log_to_stderr"},
+      {"log_path", "--log_to_stderr"},
+      {"log_severity", "--log_level"},
+      {"log_color", "--log_to_stderr"},
+      {"default_random_seed", "--random_seed"},
+      {"FeatureExtraction.type", "SIFT only"},
+      {"FeatureExtraction.num_threads", "--SiftExtraction.num_threads"},
+      {"FeatureExtraction.use_gpu", "--SiftExtraction.use_gpu"},
+      {"FeatureExtraction.gpu_index", "--SiftExtraction.gpu_index"},
+      {"FeatureExtraction.max_image_size", "--SiftExtraction.max_image_size"},
+      {"FeatureMatching.type", "nearest neighbours of SIFT only"},
+      {"FeatureMatching.num_threads", "--SiftMatching.num_threads"},
+      {"FeatureMatching.use_gpu", "--SiftMatching.use_gpu"},
+      {"FeatureMatching.gpu_index", "--SiftMatching.gpu_index"},
+      {"FeatureMatching.max_num_matches", "--SiftMatching.max_num_matches"},
+      {"FeatureMatching.guided_matching", "--SiftMatching.guided_matching"},
+      {"TwoViewGeometry.min_num_inliers", "--SiftMatching.min_num_inliers"}};
+#endif
+  for (const Place& place : kPlaces) {
+    if (name == place.name) {
+      return "--" + name + " is an option of COLMAP " + kOther +
+             "; this program is built with " + VersionInfo() + ", which has " +
+             place.place + ".";
+    }
+  }
+  return "";
 }
 
 }  // namespace mfir::host

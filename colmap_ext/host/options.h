@@ -29,4 +29,8 @@ void ParseOptions(const std::vector<std::string>& arguments,
 // Names of the options that COLMAP adds to each command.
 const std::vector<std::string>& CommonOptionNames();
 
+// For an option of COLMAP that this version does not have, but another one:
+// what takes its place here. Empty for all others.
+std::string PlaceOfOption(const std::string& name);
+
 }  // namespace mfir::host

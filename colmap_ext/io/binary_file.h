@@ -55,15 +55,15 @@ class BinaryFile {
     return count;
   }
 
-  // Length of the zero-terminated string, which is skipped.
-  size_t SkipString() {
+  // Zero-terminated.
+  std::string ReadString() {
     const size_t end = data_.find('\0', position_);
     if (end == std::string::npos) {
       Fail("the file ends within a name");
     }
-    const size_t length = end - position_;
+    std::string text = data_.substr(position_, end - position_);
     position_ = end + 1;
-    return length;
+    return text;
   }
 
   void RequireEnd() const {

@@ -1,12 +1,16 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <string>
 #include <unordered_set>
+#include <utility>
+#include <vector>
 
 #include "colmap_ext/io/binary_file.h"
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_check.h"
+#include "colmap_ext/io/track_references.h"
 
 namespace mfir {
 namespace {
@@ -45,9 +49,20 @@ Ids CheckCameras(const std::string& path, const std::string& copy) {
   return ids;
 }
 
+// The points of an image's observations.
+std::vector<uint64_t> ReadPoint3DIds(BinaryFile* file) {
+  std::vector<uint64_t> ids(file->ReadCount(8 + 8 + 8));
+  for (uint64_t& id : ids) {
+    file->Skip(2, sizeof(double));  // position
+    id = file->Read<uint64_t>();
+  }
+  return ids;
+}
+
 size_t CheckImages(const std::string& path,
                    const std::string& copy,
-                   const Ids& camera_ids) {
+                   const Ids& camera_ids,
+                   TrackReferences* references) {
   BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(4 + 7 * 8 + 4 + 1 + 8);
@@ -61,9 +76,8 @@ size_t CheckImages(const std::string& path,
     }
     file.Skip(3, sizeof(double));  // translation
     const uint32_t camera_id = file.Read<uint32_t>();
-    const size_t name_length = file.SkipString();
-    const uint64_t num_points2D = file.ReadCount(8 + 8 + 8);
-    file.Skip(num_points2D, 8 + 8 + 8);
+    const std::string name = file.ReadString();
+    std::vector<uint64_t> point3D_ids = ReadPoint3DIds(&file);
     if (id == kInvalidId32 || !ids.insert(id).second) {
       file.Fail("image id " + std::to_string(id) +
                 " is invalid or occurs twice");
@@ -78,16 +92,19 @@ size_t CheckImages(const std::string& path,
                 "camera " +
                 std::to_string(camera_id));
     }
-    if (name_length == 0 || name_length > kMaxNameLength) {
+    if (name.empty() || name.size() > kMaxNameLength) {
       file.Fail("image id " + std::to_string(id) + ": the image name has " +
-                std::to_string(name_length) + " characters");
+                std::to_string(name.size()) + " characters");
     }
+    references->AddImage(id, name, std::move(point3D_ids));
   }
   file.RequireEnd();
   return num;
 }
 
-void CheckPoints3D(const std::string& path, const std::string& copy) {
+void CheckPoints3D(const std::string& path,
+                   const std::string& copy,
+                   const TrackReferences& references) {
   BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(8 + 3 * 8 + 3 + 8 + 8);
@@ -96,12 +113,16 @@ void CheckPoints3D(const std::string& path, const std::string& copy) {
     file.SetEntry("point", i, num);
     const uint64_t id = file.Read<uint64_t>();
     file.Skip(1, 3 * 8 + 3 + 8);  // position, color, error
-    const uint64_t track_length = file.ReadCount(4 + 4);
-    file.Skip(track_length, 4 + 4);
+    std::vector<TrackReferences::Element> track(file.ReadCount(4 + 4));
+    for (TrackReferences::Element& element : track) {
+      element.image_id = file.Read<uint32_t>();
+      element.point2D_idx = file.Read<uint32_t>();
+    }
     if (id == kInvalidId64 || !ids.insert(id).second) {
       file.Fail("point id " + std::to_string(id) +
                 " is invalid or occurs twice");
     }
+    references.CheckTrack(path, id, std::move(track));
   }
   file.RequireEnd();
 }
@@ -110,10 +131,11 @@ void CheckPoints3D(const std::string& path, const std::string& copy) {
 
 size_t CheckBinaryModel(const ModelFiles& files, const ModelFiles& copies) {
   const Ids camera_ids = CheckCameras(files.cameras, copies.cameras);
+  TrackReferences references;
   const size_t num_images =
-      CheckImages(files.images, copies.images, camera_ids);
+      CheckImages(files.images, copies.images, camera_ids, &references);
   if (!files.points3D.empty()) {
-    CheckPoints3D(files.points3D, copies.points3D);
+    CheckPoints3D(files.points3D, copies.points3D, references);
   }
   return num_images;
 }

@@ -8,6 +8,7 @@
 
 #include "colmap_ext/host/camera_models.h"
 #include "colmap_ext/host/util.h"
+#include "src/estimators/linearization.h"
 
 namespace mfir {
 namespace {
@@ -17,6 +18,10 @@ namespace {
 // cheaper than differentiating pose and point as well.
 template <typename ColmapModel>
 class ColmapCameraModel final : public CameraModel {
+  static_assert(host::CameraModelTraits<ColmapModel>::kNumParams <=
+                    kMaxNumIntrinsics,
+                "The solver's buffers are too small for this lens model.");
+
  public:
   const std::string& Name() const override { return ColmapModel::model_name; }
   size_t NumParams() const override { return Traits::kNumParams; }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <unordered_set>
 #include <vector>
 
@@ -18,13 +17,6 @@ constexpr double kMaxCoordinatePx = 1e7;
 
 const size_t kMaxImageSize = 1000000;  // pixels per side
 
-[[noreturn]] void Fail(const std::string& path,
-                       const std::string& entry,
-                       const std::string& what) {
-  throw InputError(path + ": " + entry + ": " + what +
-                   ". Correct the file, or export the model again.");
-}
-
 std::string ImageEntry(const host::Image& image) {
   return "image " + std::to_string(image.ImageId()) + " (" + image.Name() + ")";
 }
@@ -35,40 +27,40 @@ void CheckCamera(const std::string& path, const host::Camera& camera) {
   const size_t height = host::Height(camera);
   for (const size_t size : {width, height}) {
     if (size == 0 || size > kMaxImageSize) {
-      Fail(path,
-           entry,
-           "image size " + std::to_string(width) + " x " +
-               std::to_string(height) + " is not between 1 and " +
-               std::to_string(kMaxImageSize) + " pixels");
+      FailModel(path,
+                entry,
+                "image size " + std::to_string(width) + " x " +
+                    std::to_string(height) + " is not between 1 and " +
+                    std::to_string(kMaxImageSize) + " pixels");
     }
   }
   const std::string problem = IntrinsicsProblem(
       *FindCameraModel(host::ModelId(camera)), host::Params(camera));
-  if (!problem.empty()) Fail(path, entry, problem);
+  if (!problem.empty()) FailModel(path, entry, problem);
 }
 
 void CheckImage(const std::string& path, const host::Image& image) {
   const Rigid3 cam_from_world = host::CamFromWorld(image);
   if (!(std::abs(cam_from_world.rotation.norm() - 1.0) < 1e-6)) {
-    Fail(path, ImageEntry(image), "the rotation is not finite");
+    FailModel(path, ImageEntry(image), "the rotation is not finite");
   }
   const std::string problem = CoordinateProblem(cam_from_world.translation);
   if (!problem.empty()) {
-    Fail(path, ImageEntry(image), "the translation " + problem);
+    FailModel(path, ImageEntry(image), "the translation " + problem);
   }
   if (std::any_of(image.Name().begin(), image.Name().end(), [](char c) {
         return c == '\n' || c == '\r' || c == '\t';
       })) {
-    Fail(path, ImageEntry(image), "line breaks or tabs in the image name");
+    FailModel(path, ImageEntry(image), "line breaks or tabs in the image name");
   }
   size_t point2D_idx = 0;
   for (const host::Point2D& point2D : image.Points2D()) {
     const Eigen::Vector2d& xy = host::Xy(point2D);
     if (!xy.allFinite() || xy.cwiseAbs().maxCoeff() > kMaxCoordinatePx) {
-      Fail(path,
-           ImageEntry(image),
-           "observation " + std::to_string(point2D_idx) +
-               " is not finite or absurdly far from the image");
+      FailModel(path,
+                ImageEntry(image),
+                "observation " + std::to_string(point2D_idx) +
+                    " is not finite or absurdly far from the image");
     }
     ++point2D_idx;
   }
@@ -80,47 +72,8 @@ void CheckImages(const std::string& path,
   for (const auto& [image_id, image] : reconstruction.Images()) {
     CheckImage(path, image);
     if (!names.insert(image.Name()).second) {
-      Fail(path, ImageEntry(image), "another image has the same name");
+      FailModel(path, ImageEntry(image), "another image has the same name");
     }
-  }
-}
-
-// `elements` is scratch memory.
-void CheckTrack(const std::string& path,
-                host::point3D_t point3D_id,
-                const host::Track& track,
-                const host::Reconstruction& reconstruction,
-                std::vector<uint64_t>* elements) {
-  const auto fail = [&](const std::string& what) {
-    Fail(path, "point " + std::to_string(point3D_id), what);
-  };
-  const auto observation = [](const host::TrackElement& element,
-                              const host::Image& image) {
-    return "observation " + std::to_string(element.point2D_idx) + " of " +
-           ImageEntry(image);
-  };
-  elements->clear();
-  for (const host::TrackElement& element : track.Elements()) {
-    const auto it = reconstruction.Images().find(element.image_id);
-    if (it == reconstruction.Images().end()) {
-      fail("its track names the unknown image " +
-           std::to_string(element.image_id));
-    }
-    const host::Image& image = it->second;
-    if (element.point2D_idx >= image.NumPoints2D()) {
-      fail("its track names " + observation(element, image) +
-           ", which has only " + std::to_string(image.NumPoints2D()));
-    }
-    if (host::Point3DId(image.Point2D(element.point2D_idx)) != point3D_id) {
-      fail("its track names " + observation(element, image) +
-           ", which is of another point");
-    }
-    elements->push_back(uint64_t(element.image_id) << 32 | element.point2D_idx);
-  }
-  std::sort(elements->begin(), elements->end());
-  if (std::adjacent_find(elements->begin(), elements->end()) !=
-      elements->end()) {
-    fail("its track names an observation twice");
   }
 }
 
@@ -131,33 +84,32 @@ void CheckTrack(const std::string& path,
       const host::Point2D& point2D = image.Point2D(i);
       if (point2D.HasPoint3D() &&
           !reconstruction.ExistsPoint3D(host::Point3DId(point2D))) {
-        Fail(files.images,
-             ImageEntry(image),
-             "observation " + std::to_string(i) + " is of the unknown point " +
-                 std::to_string(host::Point3DId(point2D)));
+        FailModel(files.images,
+                  ImageEntry(image),
+                  "observation " + std::to_string(i) +
+                      " is of the unknown point " +
+                      std::to_string(host::Point3DId(point2D)));
       }
     }
   }
-  Fail(files.images,
-       "observations",
-       "some are of points in " + files.points3D +
-           " whose tracks do not name them: the files are not of one model");
+  FailModel(
+      files.images,
+      "observations",
+      "some are of points in " + files.points3D +
+          " whose tracks do not name them: the files are not of one model");
 }
 
 void CheckPoints3D(const ModelFiles& files,
                    const host::Reconstruction& reconstruction) {
   size_t num_track_elements = 0;
-  std::vector<uint64_t> elements;
   for (const auto& [point3D_id, point3D] : reconstruction.Points3D()) {
     const std::string problem = CoordinateProblem(host::Xyz(point3D));
     if (!problem.empty()) {
-      Fail(files.points3D,
-           "point " + std::to_string(point3D_id),
-           "the position " + problem);
+      FailModel(files.points3D,
+                "point " + std::to_string(point3D_id),
+                "the position " + problem);
     }
-    const host::Track& track = host::TrackOf(point3D);
-    CheckTrack(files.points3D, point3D_id, track, reconstruction, &elements);
-    num_track_elements += track.Length();
+    num_track_elements += host::TrackOf(point3D).Length();
   }
   // Every track element has an observation of its own, so the counts differ
   // only if an observation is in no track.
@@ -171,6 +123,13 @@ void CheckPoints3D(const ModelFiles& files,
 }
 
 }  // namespace
+
+void FailModel(const std::string& path,
+               const std::string& entry,
+               const std::string& what) {
+  throw InputError(path + ": " + entry + ": " + what +
+                   ". Correct the file, or export the model again.");
+}
 
 std::string CoordinateProblem(const Eigen::Vector3d& coordinates) {
   constexpr double kMaxCoordinate = 1e15;  // world units

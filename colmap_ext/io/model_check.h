@@ -22,12 +22,17 @@ struct ModelFiles {
   std::string points3D;  // empty: there is none
 };
 
-// Checks structure, identifiers and quaternions (which the reader normalizes).
+// Checks structure, identifiers, quaternions (which the reader normalizes), and
+// that tracks name observations of their points.
 // Returns the number of images. Throws InputError naming file and entry, or
 // file and line ("images.txt:12: ..."). What is read are the `copies`, which
 // may be the files themselves.
 size_t CheckBinaryModel(const ModelFiles& files, const ModelFiles& copies);
 size_t CheckTextModel(const ModelFiles& files, const ModelFiles& copies);
+
+[[noreturn]] void FailModel(const std::string& path,
+                            const std::string& entry,
+                            const std::string& what);
 
 // What makes `coordinates` (world units) damage rather than a position or
 // translation; empty if nothing.
@@ -40,8 +45,8 @@ std::string IntrinsicsProblem(const CameraModel& model,
                               const std::vector<double>& params);
 
 // Checks the values of a model that was read from `files`: finite, plausible,
-// consistent references between images and points. Throws InputError naming
-// the file and the camera, image or point.
+// observations in the tracks of their points. Throws InputError naming the file
+// and the camera, image or point.
 void CheckModelValues(const ModelFiles& files,
                       const host::Reconstruction& reconstruction);
 

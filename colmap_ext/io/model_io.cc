@@ -322,16 +322,20 @@ void ReadModel(const std::string& path,
   *reconstruction = std::move(model);
 }
 
+host::Camera MakeHostCamera(host::camera_t camera_id, const RigCamera& camera) {
+  return host::MakeCamera(camera_id,
+                          CameraModelId(*camera.model),
+                          camera.width,
+                          camera.height,
+                          camera.params);
+}
+
 void AddPosedImage(host::image_t image_id,
                    const std::string& image_name,
                    host::camera_t camera_id,
                    const RigCamera& camera,
                    host::Reconstruction* reconstruction) {
-  host::AddCameraWithTrivialRig(host::MakeCamera(camera_id,
-                                                 CameraModelId(*camera.model),
-                                                 camera.width,
-                                                 camera.height,
-                                                 camera.params),
+  host::AddCameraWithTrivialRig(MakeHostCamera(camera_id, camera),
                                 reconstruction);
   host::Image image;
   image.SetImageId(image_id);

@@ -45,6 +45,9 @@ void ReadModel(const std::string& path,
                bool require_points,
                host::Reconstruction* reconstruction);
 
+// The intrinsics of `camera`.
+host::Camera MakeHostCamera(host::camera_t camera_id, const RigCamera& camera);
+
 // Adds an image with the pose and intrinsics of `camera`, and its camera.
 void AddPosedImage(host::image_t image_id,
                    const std::string& image_name,

@@ -2,11 +2,14 @@
 #include <limits>
 #include <string>
 #include <unordered_set>
+#include <utility>
+#include <vector>
 
 #include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/model_check.h"
 #include "colmap_ext/io/text_file.h"
+#include "colmap_ext/io/track_references.h"
 
 namespace mfir {
 namespace {
@@ -24,12 +27,13 @@ T ReadId(TextFile* file, const char* field) {
 }
 
 template <typename T>
-void ReadNewId(TextFile* file, const char* field, Ids* ids) {
+T ReadNewId(TextFile* file, const char* field, Ids* ids) {
   const T id = ReadId<T>(file, field);
   if (!ids->insert(id).second) {
     file->Fail(std::string(field) + " " + std::to_string(id) +
                " occurs for the second time");
   }
+  return id;
 }
 
 TextFile OpenModelFile(const std::string& path, const std::string& copy) {
@@ -62,8 +66,16 @@ Ids CheckCameras(const std::string& path, const std::string& copy) {
   return ids;
 }
 
-void CheckImageLine(TextFile* file, const Ids& camera_ids, Ids* image_ids) {
-  ReadNewId<uint32_t>(file, "IMAGE_ID", image_ids);
+struct ImageLine {
+  uint32_t image_id = 0;
+  std::string name;
+};
+
+ImageLine CheckImageLine(TextFile* file,
+                         const Ids& camera_ids,
+                         Ids* image_ids) {
+  ImageLine image;
+  image.image_id = ReadNewId<uint32_t>(file, "IMAGE_ID", image_ids);
   double squared_norm = 0.0;
   for (const char* field : {"QW", "QX", "QY", "QZ"}) {
     const double q = file->FiniteNumber(field);
@@ -79,13 +91,16 @@ void CheckImageLine(TextFile* file, const Ids& camera_ids, Ids* image_ids) {
   if (camera_ids.count(camera_id) == 0) {
     file->Fail("cameras.txt has no camera " + std::to_string(camera_id));
   }
-  file->Token("NAME");
+  image.name = file->Token("NAME");
   file->RequireLineEnd(
       "NAME (the text format cannot hold names with spaces: convert the model "
       "to binary)");
+  return image;
 }
 
-void CheckObservationLine(TextFile* file) {
+// Returns the points of the observations.
+std::vector<uint64_t> CheckObservationLine(TextFile* file) {
+  std::vector<uint64_t> point3D_ids;
   while (!file->AtLineEnd()) {
     file->FiniteNumber("X of POINTS2D (the second line of an image)");
     file->FiniteNumber("Y of POINTS2D");
@@ -94,31 +109,37 @@ void CheckObservationLine(TextFile* file) {
       file->Fail("POINT3D_ID " + std::to_string(point3D_id) +
                  " is neither an id nor -1");
     }
+    point3D_ids.push_back(static_cast<uint64_t>(point3D_id));
   }
+  return point3D_ids;
 }
 
 size_t CheckImages(const std::string& path,
                    const std::string& copy,
-                   const Ids& camera_ids) {
+                   const Ids& camera_ids,
+                   TrackReferences* references) {
   TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
-    CheckImageLine(&file, camera_ids, &ids);
+    const ImageLine image = CheckImageLine(&file, camera_ids, &ids);
     if (!file.NextLine()) {
       file.Fail(
           "the second line of the last image is missing; end the file with an "
           "empty line if the image has no observations");
     }
-    CheckObservationLine(&file);
+    references->AddImage(
+        image.image_id, image.name, CheckObservationLine(&file));
   }
   return ids.size();
 }
 
-void CheckPoints3D(const std::string& path, const std::string& copy) {
+void CheckPoints3D(const std::string& path,
+                   const std::string& copy,
+                   const TrackReferences& references) {
   TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
-    ReadNewId<int64_t>(&file, "POINT3D_ID", &ids);
+    const int64_t id = ReadNewId<int64_t>(&file, "POINT3D_ID", &ids);
     for (const char* field : {"X", "Y", "Z"}) {
       file.FiniteNumber(field);
     }
@@ -127,10 +148,13 @@ void CheckPoints3D(const std::string& path, const std::string& copy) {
     }
     // Unused by everyone, and not finite in some exporters' files.
     file.Number<double>("ERROR");
+    std::vector<TrackReferences::Element> track;
     while (!file.AtLineEnd()) {
-      ReadId<uint32_t>(&file, "IMAGE_ID of TRACK");
-      ReadId<uint32_t>(&file, "POINT2D_IDX of TRACK");
+      const auto image_id = ReadId<uint32_t>(&file, "IMAGE_ID of TRACK");
+      const auto point2D_idx = ReadId<uint32_t>(&file, "POINT2D_IDX of TRACK");
+      track.push_back({image_id, point2D_idx});
     }
+    references.CheckTrack(path, static_cast<uint64_t>(id), std::move(track));
   }
 }
 
@@ -138,10 +162,11 @@ void CheckPoints3D(const std::string& path, const std::string& copy) {
 
 size_t CheckTextModel(const ModelFiles& files, const ModelFiles& copies) {
   const Ids camera_ids = CheckCameras(files.cameras, copies.cameras);
+  TrackReferences references;
   const size_t num_images =
-      CheckImages(files.images, copies.images, camera_ids);
+      CheckImages(files.images, copies.images, camera_ids, &references);
   if (!files.points3D.empty()) {
-    CheckPoints3D(files.points3D, copies.points3D);
+    CheckPoints3D(files.points3D, copies.points3D, references);
   }
   return num_images;
 }

@@ -140,6 +140,41 @@ std::string ToString(const T& value) {
 
 std::string ToString(const std::string& value) { return value; }
 
+// Of COLMAP's log and random numbers: all our commands take them.
+bool IsCommonOption(const std::string& name) {
+  const std::vector<std::string>& names = host::CommonOptionNames();
+  return name != "help" && name != "project_path" &&
+         std::find(names.begin(), names.end(), name) != names.end();
+}
+
+// Of "--name=value" or "--name".
+std::string ArgumentName(const std::string& argument) {
+  return argument.rfind("--", 0) == 0
+             ? argument.substr(2, argument.find('=') - 2)
+             : "";
+}
+
+// The command line, and first what only the ini file sets of the common
+// options: COLMAP resets these whenever it parses.
+std::vector<std::string> WithCommonOptions(
+    const std::vector<std::string>& ini_arguments,
+    const std::vector<std::string>& command_line) {
+  std::vector<std::string> arguments;
+  for (const std::string& argument : ini_arguments) {
+    const std::string name = ArgumentName(argument);
+    if (IsCommonOption(name) && std::none_of(command_line.begin(),
+                                             command_line.end(),
+                                             [&name](const std::string& other) {
+                                               return ArgumentName(other) ==
+                                                      name;
+                                             })) {
+      arguments.push_back(argument);
+    }
+  }
+  arguments.insert(arguments.end(), command_line.begin(), command_line.end());
+  return arguments;
+}
+
 std::string DefaultText(const std::string& value) {
   return value.empty() ? "default: none" : "default: " + value;
 }
@@ -238,13 +273,12 @@ void OptionParser::Parse(
   // Each pass starts from the values the one before has set.
   set_names_.clear();
   ParsePass(ini_arguments);
-  ParsePass(command_line);
+  ParsePass(WithCommonOptions(ini_arguments, command_line));
   ini_arguments.insert(
       ini_arguments.end(), command_line.begin(), command_line.end());
   for (const std::string& argument : ini_arguments) {
-    if (argument.rfind("--", 0) == 0) {
-      set_names_.push_back(argument.substr(2, argument.find('=') - 2));
-    }
+    const std::string name = ArgumentName(argument);
+    if (!name.empty()) set_names_.push_back(name);
   }
   for (const Option& option : options_) {
     if (option.required != nullptr && option.required->empty()) {
@@ -355,10 +389,12 @@ void OptionParser::CheckName(const std::string& argument) const {
     throw UsageError("'" + argument +
                      "' is no option. Options are given as --name value.");
   }
-  const std::string name = argument.substr(2, argument.find('=') - 2);
+  const std::string name = ArgumentName(argument);
   const std::vector<std::string>& common = host::CommonOptionNames();
   if (std::find(common.begin(), common.end(), name) != common.end()) return;
   if (Find(name) == nullptr) {
+    const std::string place = host::PlaceOfOption(name);
+    if (!place.empty()) throw UsageError(place);
     throw UsageError("There is no option --" + name + "." + DidYouMean(name) +
                      " See --help.");
   }
@@ -380,7 +416,7 @@ std::vector<std::string> OptionParser::ReadIni(const std::string& path) const {
   std::vector<std::string> arguments;
   std::vector<std::string> seen;
   for (const IniEntry& entry : ParseIni(path)) {
-    if (Find(entry.key) == nullptr) {
+    if (Find(entry.key) == nullptr && !IsCommonOption(entry.key)) {
       CheckForeignKey(entry.key, entry.where);
       continue;
     }

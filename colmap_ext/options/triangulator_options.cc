@@ -20,6 +20,10 @@ void CheckRange(const char* name, double value, double min, double max) {
   throw UsageError(message.str());
 }
 
+std::string GuidedMatchingName() {
+  return std::string(host::kMatchingSection) + "guided_matching";
+}
+
 // Of matching again along epipolar lines, which is part of the verification.
 void AddVerificationOptions(TriangulatorOptions* options,
                             OptionParser* parser) {
@@ -31,7 +35,7 @@ void AddVerificationOptions(TriangulatorOptions* options,
   parser->Add(host::kMinNumInliersName,
               &options->min_num_inliers,
               "as in COLMAP, of a pair of images");
-  parser->Add(std::string(host::kMatchingSection) + "guided_matching",
+  parser->Add(GuidedMatchingName(),
               &options->feature_matching.guided_matching,
               "1: match again along the known epipolar lines");
 }
@@ -106,6 +110,11 @@ TriangulatorOptions::TriangulatorOptions() {
   triangulation.re_max_angle_error = 0.0;
   triangulation.merge_max_reproj_error = 0.0;
   triangulation.complete_max_reproj_error = 0.0;
+}
+
+bool TriangulatorOptions::MatchesAlongEpipolarLines() const {
+  return feature_matching.guided_matching &&
+         host::MatchesNearestSift(feature_matching);
 }
 
 void TriangulatorOptions::Check() const {
@@ -255,6 +264,11 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
   const auto add = [parser](const std::string& name, auto* value) {
     parser->Add(name, value, "as in COLMAP");
   };
+  host::VisitFeatureTypes(
+      &options->feature_types,
+      [parser](const std::string& name, auto* value, const char* help) {
+        parser->Add(name, value, help);
+      });
   host::VisitExtractionOptions(&options->feature_extraction, add);
   host::VisitMatchingOptions(&options->feature_matching, add);
   parser->BeginGroup("Verification and triangulation");
@@ -263,6 +277,22 @@ void AddTriangulatorOptions(TriangulatorOptions* options,
   parser->AddSharedSection("ImageReader");
   for (const char* section : host::kExtractionSections) {
     parser->AddSharedSection(section);
+  }
+}
+
+void ChooseFeatures(const OptionParser& parser, TriangulatorOptions* options) {
+  host::SetFeatureTypes(options->feature_types,
+                        &options->feature_extraction,
+                        &options->feature_matching);
+  // A matcher that is asked for shall match, not be matched again after.
+  if (!host::MatchesNearestSift(options->feature_matching) &&
+      !parser.IsSet(GuidedMatchingName())) {
+    options->feature_matching.guided_matching = false;
+  }
+  // COLMAP's default asks for a GPU; without one it would end the program.
+  if (!host::HasGpuFeatures()) {
+    options->feature_extraction.use_gpu = false;
+    options->feature_matching.use_gpu = false;
   }
 }
 

@@ -47,6 +47,7 @@ struct TriangulatorOptions {
   // its choice of images is not used here.
   std::string camera_model = "PINHOLE";  // [ImageReader]
   std::string camera_mask_path;
+  host::FeatureTypes feature_types;
   host::FeatureExtractionOptions feature_extraction;
   host::FeatureMatchingOptions feature_matching;
   int min_num_inliers = 5;  // of a pair of images
@@ -60,11 +61,19 @@ struct TriangulatorOptions {
   // in pixels and angle follow from the epipolar tolerance (0).
   TriangulatorOptions();
 
+  // Whether features are matched along the known epipolar lines, by our own
+  // code; else by COLMAP's matcher and then compared with the known geometry.
+  bool MatchesAlongEpipolarLines() const;
+
   // Throws UsageError.
   void Check() const;
 };
 
 void AddTriangulatorOptions(TriangulatorOptions* options, OptionParser* parser);
+
+// Once they are parsed: the kind of features and matches, and what of it runs
+// on a GPU here. Throws UsageError.
+void ChooseFeatures(const OptionParser& parser, TriangulatorOptions* options);
 
 // The part that decides on the tracks which matches give. Programs that make
 // tracks from the databases of frames take these.

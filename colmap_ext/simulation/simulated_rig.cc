@@ -107,14 +107,23 @@ void DrawDistortion(const SimulatorOptions& options,
                     Random* random,
                     RigCamera* camera) {
   const std::vector<size_t>& idxs = camera->model->ExtraParamsIdxs();
+  const double corner_radius =
+      HalfDiagonal(*camera) / NominalFocalLength(options);
+  // Two models cannot be changed from a state free of distortion.
   if (camera->model->Name() == "FOV") {
-    // The only model without a state free of distortion: its parameter, an
-    // angle, acts by its square, about omega^2 r^2 / 3.
-    const double corner_radius =
-        HalfDiagonal(*camera) / NominalFocalLength(options);
+    // Its parameter, an angle, acts by its square, about omega^2 r^2 / 3.
     const double omega = std::sqrt(3.0 * options.distortion) / corner_radius;
     camera->params[idxs[0]] =
         std::clamp(omega, 0.3, 1.0) * random->Uniform(0.5, 1.0);
+    return;
+  }
+  if (camera->model->Name() == "EUCM") {
+    // Acts by about alpha beta r^2 / 2: beta alone does nothing.
+    const double alpha =
+        2.0 * options.distortion / (corner_radius * corner_radius);
+    camera->params[idxs[0]] =
+        std::clamp(alpha, 0.1, 0.8) * random->Uniform(0.5, 1.0);
+    camera->params[idxs[1]] = random->Uniform(0.9, 1.1);
     return;
   }
   const std::vector<double> per_pixel = ExtraParamsPerPixel(*camera);

@@ -191,7 +191,9 @@ TEST_P(FeaturemetricCostTest, PointsBehindTheCameraOrInItAreHarmless) {
                                      Eigen::Vector3d(1.0, 2.0, -1.0)}) {
     const double* blocks[] = {qvec, tvec, xyz.data(), params.data()};
     Eigen::Vector3d residual;
-    std::vector<std::vector<double>> jacobians(4, std::vector<double>(3 * 12));
+    const size_t max_size = std::max<size_t>(4, params.size());
+    std::vector<std::vector<double>> jacobians(
+        4, std::vector<double>(3 * max_size));
     double* jacobian_data[] = {jacobians[0].data(),
                                jacobians[1].data(),
                                jacobians[2].data(),

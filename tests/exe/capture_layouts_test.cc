@@ -238,6 +238,10 @@ TEST_F(CaptureLayoutsTest, BadVideosAndOptionsHaveTheirExitCodes) {
   expect(automatic({"--workspace_path", "w", "--no_such", "x"}),
          1,
          "--no_such is an option of neither");
+  // What all commands of COLMAP take goes on to the steps.
+  expect(automatic({"--workspace_path", folder_ / "w", "--log_level", "1"}),
+         1,
+         "--image_path is required");
   EXPECT_EQ(automatic({"--help"}).exit_code, 0);
 }
 

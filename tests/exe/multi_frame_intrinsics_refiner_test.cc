@@ -223,15 +223,15 @@ TEST_F(MultiFrameRefinerTest, ImageNamesWithSpacesAreKept) {
 TEST_F(MultiFrameRefinerTest, MissingUnregisteredAndUnknownCameras) {
   // cam07 not registered in frame 0; cam06 nowhere; cam05 not in RIG.
   ChangeFrame("frame000000", [](host::Reconstruction* model) {
-    model->DeRegisterImage(8);
+    host::DeRegisterImage(8, model);
     model->TearDown();
   });
   ChangeFrames([](host::Reconstruction* model) {
-    model->DeRegisterImage(7);
+    host::DeRegisterImage(7, model);
     model->TearDown();
   });
   host::Reconstruction rig = Read(Path("rig"));
-  rig.DeRegisterImage(6);
+  host::DeRegisterImage(6, &rig);
   rig.TearDown();
   WriteText(rig, Path("rig"));
   ExpectRefines();
@@ -268,7 +268,7 @@ TEST_F(MultiFrameRefinerTest, NearestNamesOfCamerasWithoutImages) {
       << result.error;
   // A camera of RIG without images alone is no warning.
   ChangeFrames([](host::Reconstruction* model) {
-    model->DeRegisterImage(6);
+    host::DeRegisterImage(6, model);
     model->TearDown();
   });
   EXPECT_EQ(Refine({{"MultiFrame.quiet", "1"}}).error, "");

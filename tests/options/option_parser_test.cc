@@ -2,9 +2,12 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
+#include <glog/logging.h>
 #include <gtest/gtest.h>
 
+#include "colmap_ext/host/util.h"
 #include "tests/support/test_files.h"
 
 namespace mfir {
@@ -162,6 +165,33 @@ TEST_F(OptionParserTest, CommandLineBeatsIniBeatsPreset) {
   EXPECT_EQ(spelled_apart.max_weight, 0.0);
 }
 
+// COLMAP resets its own options whenever it parses.
+TEST_F(OptionParserTest, OptionsOfTheLogMayBeInTheIniFile) {
+  Command command;
+  command.Parse(Ini("log_level=2\n"));
+  EXPECT_EQ(FLAGS_v, 2);
+  std::vector<std::string> arguments = Ini("log_level=2\n");
+  arguments.push_back("--log_level=1");
+  command.Parse(arguments);
+  EXPECT_EQ(FLAGS_v, 1);
+  command.Parse({});
+  EXPECT_EQ(FLAGS_v, 0);
+}
+
+TEST_F(OptionParserTest, OptionsOfAnotherVersionNameTheirPlace) {
+  const bool is_colmap4 = host::VersionInfo().find("COLMAP 4") == 0;
+  const std::vector<std::pair<std::string, std::string>> pairs = {
+      {"--log_to_stderr", "--log_target"},
+      {"--random_seed", "--default_random_seed"},
+      {"--SiftExtraction.use_gpu", "--FeatureExtraction.use_gpu"}};
+  for (const auto& [in_3, in_4] : pairs) {
+    ExpectUsageError({(is_colmap4 ? in_3 : in_4) + "=1"},
+                     {is_colmap4 ? in_3 : in_4,
+                      is_colmap4 ? "COLMAP 3.8;" : "COLMAP 4;",
+                      "which has " + (is_colmap4 ? in_4 : in_3)});
+  }
+}
+
 TEST_F(OptionParserTest, ForeignSectionsAreSkipped) {
   Command command;
   command.Parse(
@@ -268,6 +298,8 @@ TEST_F(OptionParserTest, RequiredOptionMayComeFromTheIniOnly) {
 }
 
 TEST_F(OptionParserTest, UnreadableValuesAreErrors) {
+  // A forked program would wait for the threads of COLMAP 4's libraries.
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
   for (const char* argument : {"--MultiFrame.loss_scale=abc",
                                "--MultiFrame.num_threads=1.5",
                                "--MultiFrame.num_threads=99999999999",
@@ -295,6 +327,7 @@ TEST_F(OptionParserTest, UnknownPresetIsAnError) {
 
 // What Write has written gives the same values again.
 void ExpectRoundTrip(const Command& written, const std::string& path) {
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
   written.parser.Write(path);
   // COLMAP's parser ends the program where it does not understand a line.
   EXPECT_EXIT(

@@ -77,6 +77,10 @@ class SiftMatcher : public FeatureMatcher {
 
 }  // namespace
 
+void SetFeatureTypes(const FeatureTypes& /*types*/,
+                     FeatureExtractionOptions* /*extraction*/,
+                     FeatureMatchingOptions* /*matching*/) {}
+
 std::unique_ptr<FeatureExtractor> FeatureExtractor::Create(
     const FeatureExtractionOptions& options) {
   auto extractor = std::make_unique<SiftExtractor>(options);

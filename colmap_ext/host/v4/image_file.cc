@@ -61,6 +61,8 @@ bool IsImageFileName(const std::string& path) {
   std::istringstream formats(OIIO::get_string_attribute("extension_list"));
   std::string format;
   while (std::getline(formats, format, ';')) {
+    // Videos, of which OpenImageIO reads single images.
+    if (format.rfind("ffmpeg:", 0) == 0) continue;
     std::istringstream names(format.substr(format.find(':') + 1));
     std::string name;
     while (std::getline(names, name, ',')) {
