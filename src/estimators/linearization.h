@@ -15,8 +15,8 @@
 
 namespace mfir {
 
-// Of COLMAP's camera models (RAD_TAN_THIN_PRISM_FISHEYE of COLMAP 4), and with a
-// pose correction.
+// Of COLMAP's camera models (RAD_TAN_THIN_PRISM_FISHEYE of COLMAP 4), and with
+// a pose correction.
 constexpr size_t kMaxNumIntrinsics = 16;
 constexpr size_t kNumPoseParams = 6;
 constexpr size_t kMaxNumParams = kMaxNumIntrinsics + kNumPoseParams;

@@ -12,8 +12,8 @@
 #include "src/estimators/noise_samples.h"
 #include "src/estimators/scale_mixture_loss.h"
 #include "src/refinement/initial_intrinsics.h"
-#include "src/scene/residual_statistics.h"
 #include "src/scene/overlapping_tracks.h"
+#include "src/scene/residual_statistics.h"
 #include "src/scene/static_point_search.h"
 
 namespace mfir {
@@ -202,10 +202,8 @@ class Refiner {
     solver_options.parameter_tolerance = parameter_tolerance;
     if (name == "final") {
       solver_options.compute_covariance = true;
-      solver_options.repeated_tracks =
-          GroupOverlappingTracks(
-              scene_,
-              FindStaticPoints(scene_, options_.EffectiveNumThreads()));
+      solver_options.repeated_tracks = GroupOverlappingTracks(
+          scene_, FindStaticPoints(scene_, options_.EffectiveNumThreads()));
     }
     solver_options.num_threads = options_.EffectiveNumThreads();
     for (const RigCamera& camera : scene_.cameras) {
