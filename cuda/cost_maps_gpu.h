@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <memory>
 
-#include "src/feature/cost_map_backend.h"
+#include "src/dense/cost_map_backend.h"
 
 namespace mfir {
 

@@ -8,8 +8,9 @@ cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 
 # Bottom to top. A room may include itself and those before it.
 rooms=(
-  src/util src/geometry src/sensor src/scene cuda src/feature src/estimators
-  src/evaluation src/report src/refinement src/simulation
+  src/util src/geometry src/sensor src/scene cuda src/dense src/patches
+  src/feature src/estimators src/evaluation src/report src/report_page src/refinement
+  src/simulation
   colmap_ext/host colmap_ext/io colmap_ext/rig_formats colmap_ext/rigs colmap_ext/options
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
   colmap_ext/controllers colmap_ext/report colmap_ext/refinement colmap_ext/exe
@@ -49,7 +50,7 @@ check_include() {
     return
   fi
   # The launchers and the maths that they launch know each other.
-  [[ $from != cuda || $path != src/feature/* ]] || return 0
+  [[ $from != cuda || $path != src/dense/* ]] || return 0
   find_room "$path"
   if [[ -z ${rank[$room]-} ]] || ((rank[$room] > rank[$from])); then
     fail "$file:$line: $from may not include $path: it points up"

@@ -8,7 +8,7 @@
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/host/util.h"
-#include "src/feature/track_refinement.h"
+#include "src/patches/track_refinement.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {

@@ -11,7 +11,7 @@
 #include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/report/report_reader.h"
-#include "src/report/report_page.h"
+#include "src/report_page/report_page.h"
 #include "src/util/errors.h"
 
 namespace mfir {

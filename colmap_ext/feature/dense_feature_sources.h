@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "colmap_ext/options/option_parser.h"
-#include "src/feature/dense_features.h"
+#include "src/dense/dense_features.h"
 #include "src/refinement/options.h"
 
 namespace mfir {

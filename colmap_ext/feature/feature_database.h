@@ -23,7 +23,7 @@
 #include <utility>
 
 #include "colmap_ext/io/sqlite_file.h"
-#include "src/feature/dense_features.h"
+#include "src/dense/dense_features.h"
 
 namespace mfir {
 

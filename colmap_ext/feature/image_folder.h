@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "colmap_ext/host/image_file.h"
-#include "src/feature/dense_features.h"
+#include "src/dense/dense_features.h"
 
 namespace mfir {
 

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "colmap_ext/feature/image_folder.h"
-#include "src/feature/dense_feature_options.h"
-#include "src/feature/dense_features.h"
+#include "src/dense/dense_feature_options.h"
+#include "src/dense/dense_features.h"
 
 namespace mfir {
 

@@ -15,7 +15,7 @@
 #include "colmap_ext/refinement/capture_model.h"
 #include "colmap_ext/report/report_reader.h"
 #include "colmap_ext/rigs/rig_io.h"
-#include "src/report/report_page.h"
+#include "src/report_page/report_page.h"
 #include "src/util/cpu_time.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"

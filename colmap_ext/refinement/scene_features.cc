@@ -5,8 +5,8 @@
 
 #include "colmap_ext/feature/dense_feature_sources.h"
 #include "colmap_ext/host/util.h"
-#include "src/feature/cost_maps.h"
-#include "src/feature/feature_keypoints.h"
+#include "src/dense/cost_maps.h"
+#include "src/dense/feature_keypoints.h"
 
 namespace mfir {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "src/feature/dense_feature_options.h"
+#include "src/dense/dense_feature_options.h"
 
 namespace mfir {
 

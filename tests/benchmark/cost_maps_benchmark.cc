@@ -6,7 +6,7 @@
 
 #include <benchmark/benchmark.h>
 
-#include "src/feature/cost_map_backend.h"
+#include "src/dense/cost_map_backend.h"
 #include "src/util/random.h"
 
 namespace mfir {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "src/feature/dense_features.h"
+#include "src/dense/dense_features.h"
 #include "src/scene/scene.h"
 
 namespace mfir {

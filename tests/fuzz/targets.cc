@@ -18,7 +18,7 @@
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/report/report_reader.h"
 #include "colmap_ext/rigs/rig_io.h"
-#include "src/report/report_page.h"
+#include "src/report_page/report_page.h"
 #include "src/sensor/frame_naming.h"
 #include "src/sensor/image_layout.h"
 #include "tests/fuzz/fixtures.h"

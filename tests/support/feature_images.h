@@ -10,7 +10,7 @@
 #include <Eigen/Core>
 
 #include "colmap_ext/host/image_file.h"
-#include "src/feature/dense_features.h"
+#include "src/dense/dense_features.h"
 
 namespace mfir {
 

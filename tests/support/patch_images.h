@@ -7,8 +7,8 @@
 
 #include <Eigen/Core>
 
-#include "src/feature/patch_alignment.h"
-#include "src/feature/patch_warp.h"
+#include "src/patches/patch_alignment.h"
+#include "src/patches/patch_warp.h"
 #include "src/util/random.h"
 
 namespace mfir {

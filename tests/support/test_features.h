@@ -10,7 +10,7 @@
 
 #include <Eigen/Core>
 
-#include "src/feature/cost_map_kernels.h"
+#include "src/dense/cost_map_kernels.h"
 #include "src/scene/scene.h"
 #include "src/util/random.h"
 
