@@ -202,8 +202,11 @@ class Refiner {
     solver_options.parameter_tolerance = parameter_tolerance;
     if (name == "final") {
       solver_options.compute_covariance = true;
-      solver_options.repeated_tracks = GroupOverlappingTracks(
-          scene_, FindStaticPoints(scene_, options_.EffectiveNumThreads()));
+      solver_options.repeated_tracks =
+          FindOverRanks(scene_, [this](const Scene& all) {
+            return GroupOverlappingTracks(
+                all, FindStaticPoints(all, options_.EffectiveNumThreads()));
+          });
     }
     solver_options.num_threads = options_.EffectiveNumThreads();
     for (const RigCamera& camera : scene_.cameras) {

@@ -21,6 +21,8 @@ namespace mfir {
 // The 10 px: on panoptic31, with refined keypoints, residuals of two tracks in
 // the same image have a correlation of 0.39 up to 3 px apart, 0.20 up to 6 px,
 // 0.10 up to 10 px and 0.05 up to 15 px.
+//
+// For a scene of one process: see FindOverRanks.
 std::vector<std::vector<TrackIndex>> GroupOverlappingTracks(
     const Scene& scene, std::vector<std::vector<TrackIndex>> static_points);
 

@@ -330,8 +330,11 @@ struct GroupedTrack {
   TrackIndex track;
 };
 
-StaticPoints FindOverRanks(const Scene& scene, int num_threads) {
+}  // namespace
+
+TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find) {
   const Communicator& ranks = *scene.ranks;
+  if (ranks.IsAlone()) return find(scene);
   size_t first_frame = 0;
   const std::vector<size_t> num_frames =
       Concatenate(ranks, std::vector<size_t>{scene.frames.size()});
@@ -341,7 +344,7 @@ StaticPoints FindOverRanks(const Scene& scene, int num_threads) {
   const Scene all = GatherTracks(scene);
   std::vector<GroupedTrack> tracks;
   if (ranks.IsFirst()) {
-    const StaticPoints points = FindInOneProcess(all, num_threads);
+    const TrackGroups points = find(all);
     for (size_t g = 0; g < points.size(); ++g) {
       for (const TrackIndex& track : points[g]) tracks.push_back({g, track});
     }
@@ -358,11 +361,10 @@ StaticPoints FindOverRanks(const Scene& scene, int num_threads) {
   return points;
 }
 
-}  // namespace
-
 StaticPoints FindStaticPoints(const Scene& scene, int num_threads) {
-  return scene.ranks->IsAlone() ? FindInOneProcess(scene, num_threads)
-                                : FindOverRanks(scene, num_threads);
+  return FindOverRanks(scene, [num_threads](const Scene& all) {
+    return FindInOneProcess(all, num_threads);
+  });
 }
 
 }  // namespace mfir

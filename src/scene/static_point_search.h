@@ -4,6 +4,7 @@
 
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "src/scene/scene.h"
@@ -13,6 +14,16 @@ namespace mfir {
 // Groups of tracks that show the same static point in two frames or more, each
 // in the order of the frames.
 using StaticPoints = std::vector<std::vector<TrackIndex>>;
+
+// What finds groups of tracks in a scene of one process.
+using TrackGroups = std::vector<std::vector<TrackIndex>>;
+using FindGroups = std::function<TrackGroups(const Scene&)>;
+
+// The groups that `find` gives for the frames of all ranks: the same groups on
+// all, in the same order, each with the tracks of this rank only, if any. The
+// first rank searches; it holds the keypoints of all frames meanwhile, and
+// nothing else of them.
+TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find);
 
 // A track belongs to a point that earlier frames have shown if in at least two
 // cameras, and in most of the cameras they share, the keypoints agree within a
@@ -24,9 +35,7 @@ using StaticPoints = std::vector<std::vector<TrackIndex>>;
 // flat background of 0.002 per px^2. Where each frame is moved on by 0.1 to
 // 0.3 m, 0.1 % of the tracks at most are taken for static instead of 30 %.
 //
-// Over ranks: the same groups on all, in the same order, each with the tracks
-// of this rank only, if any. The first rank searches; it holds the keypoints of
-// all frames meanwhile.
+// Over ranks as FindOverRanks.
 StaticPoints FindStaticPoints(const Scene& scene, int num_threads = -1);
 
 }  // namespace mfir
