@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <exception>
@@ -224,7 +225,8 @@ void MakeModelFiles(const fs::path& folder, const std::string& extension) {
   }
 }
 
-// Whole lines that are no comments. Those without observations are empty.
+// Whole lines that are no comments; images without observations have empty
+// ones. More than there can be if the file is cut, or lacks COLMAP's comments.
 size_t CountLines(const fs::path& path) {
   const std::string text = ReadInputFile(path.string());
   size_t count = 0;
@@ -233,7 +235,7 @@ size_t CountLines(const fs::path& path) {
     if (text[begin] != '#') ++count;
     begin = end + 1;
   }
-  return begin == text.size() ? count : 0;
+  return begin == text.size() && begin > 0 ? count : SIZE_MAX;
 }
 
 // Sub-folders of `path` whose names are numbers, in the order of the numbers.
