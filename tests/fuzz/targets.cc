@@ -280,7 +280,7 @@ std::vector<FuzzTarget> MakeTargets() {
        ""},
       {"rig_colmap", RunRig, {"cameras.txt", "images.txt"}, ""},
       {"rig_opencv", RunRig, {"intri.yml", "extri.yml"}, ""},
-      {"rig_auto", RunRig, {"rig"}, "rig"},
+      {"rig_auto", RunRig, {"rig_file"}, "rig_file"},
       {"name_list", RunNameList, {"list.txt"}, "list.txt"},
       {"ini", RunIni, {"project.ini"}, "project.ini"},
       {"names", RunNames, {}, ""},
@@ -291,7 +291,7 @@ std::vector<FuzzTarget> MakeTargets() {
       {"summary", RunSummary, {"summary.json", "history.csv"}, ""}};
   for (const RigFormat& format : RigFormats()) {
     if (format.name == "colmap" || format.name == "opencv") continue;
-    targets.push_back({"rig_" + format.name, RunRig, {"rig"}, "rig"});
+    targets.push_back({"rig_" + format.name, RunRig, {"rig_file"}, "rig_file"});
   }
   return targets;
 }
