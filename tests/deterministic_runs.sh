@@ -26,7 +26,7 @@ run() {
 content() {
   case $1 in
     */summary.json)
-      jq -S 'del(.timings_s, .peak_rss_bytes, .created, .options, .inputs, .stages[].time_s)' "$1"
+      jq -S 'del(.timings_s, .cpu_s, .peak_rss_bytes, .created, .options, .inputs, .stages[].time_s)' "$1"
       ;;
     */triangulation.json) jq -S 'del(.timings_s, .inputs)' "$1" ;;
     */history.csv) cut -d , -f 1-3,5- "$1" ;;
