@@ -60,7 +60,10 @@ expect_close() {
 refine=(multi_frame_intrinsics_refiner --extrinsics_path tracks/rig
   --MultiFrame.num_threads 1)
 for input in tracks/frames frames_1; do
-  [[ $input != frames_1 ]] || refine[2]=capture/rig
+  # Without new tracks: these are taken or not at limits, where the last digits can
+  # decide about one.
+  [[ $input != frames_1 ]] ||
+    refine=("${refine[@]/tracks\/rig/capture\/rig}" --MultiFrame.retriangulation_rounds 0)
   "$colmap" "${refine[@]}" --input_path "$input" --output_path out_1 >log.txt 2>&1 ||
     fail "$(cat log.txt)"
   for num in 2 3; do
