@@ -204,8 +204,9 @@ class Refiner {
       solver_options.compute_covariance = true;
       solver_options.repeated_tracks =
           FindOverRanks(scene_, [this](const Scene& all) {
+            const int num_threads = options_.EffectiveNumThreads();
             return GroupOverlappingTracks(
-                all, FindStaticPoints(all, options_.EffectiveNumThreads()));
+                all, FindStaticPoints(all, num_threads), num_threads);
           });
     }
     solver_options.num_threads = options_.EffectiveNumThreads();

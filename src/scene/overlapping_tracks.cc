@@ -8,6 +8,8 @@
 #include <tuple>
 #include <utility>
 
+#include "src/util/parallel_for.h"
+
 namespace mfir {
 namespace {
 
@@ -99,7 +101,9 @@ class Leaders {
 }  // namespace
 
 std::vector<std::vector<TrackIndex>> GroupOverlappingTracks(
-    const Scene& scene, std::vector<std::vector<TrackIndex>> static_points) {
+    const Scene& scene,
+    const std::vector<std::vector<TrackIndex>>& static_points,
+    int num_threads) {
   // A static point joins where its first frame shows it; its other tracks
   // follow.
   std::map<TrackIndex, size_t> static_idxs;  // by first track
@@ -115,14 +119,15 @@ std::vector<std::vector<TrackIndex>> GroupOverlappingTracks(
       follows[it->frame_idx][it->point_idx] = true;
     }
   }
-  std::map<TrackIndex, std::vector<TrackIndex>> groups;  // by leader
-  for (size_t f = 0; f < scene.frames.size(); ++f) {
+  std::vector<std::map<size_t, std::vector<TrackIndex>>> groups(
+      scene.frames.size());  // by frame and leader
+  ParallelFor(scene.frames.size(), num_threads, [&](size_t f) {
     Leaders leaders(scene.frames[f]);
     for (size_t i = 0; i < scene.frames[f].NumPoints(); ++i) {
       if (follows[f][i]) continue;
       const size_t leader = leaders.Find(i);
       if (leader == i) leaders.Add(i);
-      std::vector<TrackIndex>& group = groups[{f, leader}];
+      std::vector<TrackIndex>& group = groups[f][leader];
       const auto point = static_idxs.find({f, i});
       if (point == static_idxs.end()) {
         group.push_back({f, i});
@@ -131,13 +136,15 @@ std::vector<std::vector<TrackIndex>> GroupOverlappingTracks(
         group.insert(group.end(), tracks.begin(), tracks.end());
       }
     }
-  }
+  });
   std::vector<std::vector<TrackIndex>> result;
-  for (auto& leader_and_group : groups) {
-    std::vector<TrackIndex>& group = leader_and_group.second;
-    if (group.size() < 2) continue;
-    std::sort(group.begin(), group.end());
-    result.push_back(std::move(group));
+  for (auto& frame_groups : groups) {
+    for (auto& leader_and_group : frame_groups) {
+      std::vector<TrackIndex>& group = leader_and_group.second;
+      if (group.size() < 2) continue;
+      std::sort(group.begin(), group.end());
+      result.push_back(std::move(group));
+    }
   }
   return result;
 }
