@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <functional>
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
@@ -141,6 +142,13 @@ void Retriangulate(const MultiFrameOptions& options,
   result->model = std::move(model);
 }
 
+// Short, since names of frames may be as long as file names can be, and other
+// processes work beside this one.
+std::string WorkFolderName(const std::string& frame_name) {
+  return "retriangulation_" +
+         std::to_string(std::hash<std::string>()(frame_name));
+}
+
 // By used frame.
 std::vector<NewFrame> RetriangulateAll(
     const MultiFrameOptions& options,
@@ -164,7 +172,7 @@ std::vector<NewFrame> RetriangulateAll(
                     track_options,
                     options.SingleFrameMode() ? FrameCameras(scene, estimate, i)
                                               : estimate.cameras,
-                    work_path / ("retriangulation_" + models[i]->name),
+                    work_path / WorkFolderName(models[i]->name),
                     num_threads / num_frames_at_once,
                     *models[i],
                     &result);
