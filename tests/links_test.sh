@@ -24,7 +24,7 @@ for document in *.md docs/*.md; do
     if [[ ! -e $target ]]; then
       echo "$document: there is no $link"
       status=1
-    elif [[ -n $anchor ]] && ! anchors "$target" | grep -qxF "$anchor"; then
+    elif [[ -n $anchor ]] && ! anchors "$target" | grep -xF "$anchor" >/dev/null; then
       echo "$document: there is no heading $link"
       status=1
     fi
