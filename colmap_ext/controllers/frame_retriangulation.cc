@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <functional>
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
@@ -142,13 +141,6 @@ void Retriangulate(const MultiFrameOptions& options,
   result->model = std::move(model);
 }
 
-// Short, since names of frames may be as long as file names can be, and other
-// processes work beside this one.
-std::string WorkFolderName(const std::string& frame_name) {
-  return "retriangulation_" +
-         std::to_string(std::hash<std::string>()(frame_name));
-}
-
 // By used frame.
 std::vector<NewFrame> RetriangulateAll(
     const MultiFrameOptions& options,
@@ -172,7 +164,10 @@ std::vector<NewFrame> RetriangulateAll(
                     track_options,
                     options.SingleFrameMode() ? FrameCameras(scene, estimate, i)
                                               : estimate.cameras,
-                    work_path / WorkFolderName(models[i]->name),
+                    // Ranks share the path. Names of frames may be too long.
+                    work_path / ("retriangulation_" +
+                                 std::to_string(scene.ranks->Rank()) + "_" +
+                                 std::to_string(i)),
                     num_threads / num_frames_at_once,
                     *models[i],
                     &result);

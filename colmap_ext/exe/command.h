@@ -13,11 +13,12 @@ namespace mfir {
 // with 130 and 143 (src/util/interruption.h).
 int RunCommand(const std::function<void()>& body);
 
-// In FRAMES: the frames that the triangulator has taken by max_num_frames.
-constexpr const char* kFrameListName = "frame_list.txt";
 // The same for a command that can work as several processes (mpirun). If some
 // fail, one says why, and all end with its exit code.
 int RunCommandOverRanks(const std::function<void(const Communicator&)>& body);
+
+// In FRAMES: the frames that the triangulator has taken by max_num_frames.
+constexpr const char* kFrameListName = "frame_list.txt";
 
 int RunMultiFrameAutomaticRefiner(int argc, char** argv);
 int RunMultiFrameIntrinsicsRefiner(int argc, char** argv);

@@ -49,19 +49,17 @@ bool IsPlausible(const RigCamera& camera, const std::vector<double>& params) {
          IsDistortionPlausible(camera, params);
 }
 
-// The parameter's median over the array's plausible cameras of the same model
-// and image size, if there are any.
-void TakeMedian(const std::vector<RigCamera>& cameras,
-                size_t idx,
-                RigCamera* camera) {
-  std::vector<double> values;
+// The array's plausible cameras of the same model and image size.
+std::vector<const RigCamera*> FindPeers(const std::vector<RigCamera>& cameras,
+                                        const RigCamera& camera) {
+  std::vector<const RigCamera*> peers;
   for (const RigCamera& other : cameras) {
-    if (other.model == camera->model && other.width == camera->width &&
-        other.height == camera->height && IsPlausible(other, other.params)) {
-      values.push_back(other.params[idx]);
+    if (other.model == camera.model && other.width == camera.width &&
+        other.height == camera.height && IsPlausible(other, other.params)) {
+      peers.push_back(&other);
     }
   }
-  if (!values.empty()) camera->params[idx] = Median(values);
+  return peers;
 }
 
 // The medians of the plausible images only. A camera without any gets focal
@@ -91,11 +89,11 @@ std::vector<RigCamera> ReplaceImplausibleIntrinsics(
   const std::vector<RigCamera> medians = cameras;
   for (RigCamera& camera : cameras) {
     if (camera.model == nullptr || IsPlausible(camera, camera.params)) continue;
-    for (const size_t idx : camera.model->FocalLengthIdxs()) {
-      TakeMedian(medians, idx, &camera);
-    }
-    for (const size_t idx : camera.model->ExtraParamsIdxs()) {
-      TakeMedian(medians, idx, &camera);
+    const std::vector<const RigCamera*> peers = FindPeers(medians, camera);
+    for (size_t j = 0; !peers.empty() && j < camera.params.size(); ++j) {
+      std::vector<double> values;
+      for (const RigCamera* peer : peers) values.push_back(peer->params[j]);
+      camera.params[j] = Median(values);
     }
     const std::vector<size_t>& idxs = camera.model->PrincipalPointIdxs();
     camera.params[idxs[0]] = 0.5 * static_cast<double>(camera.width);

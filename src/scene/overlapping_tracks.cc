@@ -1,13 +1,11 @@
 #include "src/scene/overlapping_tracks.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
 #include <iterator>
 #include <map>
-#include <tuple>
 #include <utility>
 
+#include "src/scene/keypoint_grid.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -19,14 +17,16 @@ constexpr size_t kMinNumCameras = 2;
 // Tracks of one frame that others can join.
 class Leaders {
  public:
-  explicit Leaders(const Frame& frame) : frame_(frame) {}
+  explicit Leaders(const Frame& frame)
+      : frame_(frame),
+        grids_(frame.images.size(), KeypointGrid(kMaxDistance, kMaxDistance)) {}
 
   void Add(size_t point_idx) {
     for (size_t k = frame_.track_begins[point_idx];
          k < frame_.track_begins[point_idx + 1];
          ++k) {
       const Observation& observation = frame_.observations[k];
-      grid_[CellOf(observation, 0, 0)].push_back({point_idx, observation.xy});
+      grids_[observation.image_idx].Add(observation.xy, point_idx);
     }
   }
 
@@ -37,7 +37,9 @@ class Leaders {
     for (size_t k = frame_.track_begins[point_idx];
          k < frame_.track_begins[point_idx + 1];
          ++k) {
-      CountNear(frame_.observations[k], &counts);
+      const Observation& observation = frame_.observations[k];
+      grids_[observation.image_idx].ForEachNear(
+          observation.xy, [&counts](size_t idx) { ++counts[idx]; });
     }
     size_t leader = point_idx;
     size_t most = kMinNumCameras - 1;
@@ -51,36 +53,6 @@ class Leaders {
   }
 
  private:
-  using Cell = std::tuple<size_t, int64_t, int64_t>;  // image, column, row
-  struct Keypoint {
-    size_t point_idx;
-    Eigen::Vector2d xy;
-  };
-
-  static Cell CellOf(const Observation& observation, int64_t dx, int64_t dy) {
-    const auto idx = [](double coordinate) {
-      return static_cast<int64_t>(
-          std::floor(std::clamp(coordinate, -1e9, 1e9) / kMaxDistance));
-    };
-    return {observation.image_idx,
-            idx(observation.xy.x()) + dx,
-            idx(observation.xy.y()) + dy};
-  }
-
-  void CountNear(const Observation& observation,
-                 std::map<size_t, size_t>* counts) const {
-    for (int64_t dx = -1; dx <= 1; ++dx) {
-      for (int64_t dy = -1; dy <= 1; ++dy) {
-        const auto cell = grid_.find(CellOf(observation, dx, dy));
-        if (cell == grid_.end()) continue;
-        for (const Keypoint& keypoint : cell->second) {
-          (*counts)[keypoint.point_idx] +=
-              (keypoint.xy - observation.xy).norm() <= kMaxDistance;
-        }
-      }
-    }
-  }
-
   size_t NumShared(size_t a, size_t b) const {
     size_t count = 0;
     for (size_t k = frame_.track_begins[a]; k < frame_.track_begins[a + 1];
@@ -95,7 +67,7 @@ class Leaders {
   }
 
   const Frame& frame_;
-  std::map<Cell, std::vector<Keypoint>> grid_;
+  std::vector<KeypointGrid> grids_;  // by image
 };
 
 }  // namespace

@@ -1,13 +1,11 @@
 #include "src/scene/static_point_search.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdint>
 #include <cstring>
 #include <string>
-#include <unordered_map>
 #include <utility>
 
+#include "src/scene/keypoint_grid.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -50,66 +48,13 @@ void CollectKeypoints(const Frame& frame,
                    keypoints->end());
 }
 
-// The first keypoints of places in one camera, by cells of the image.
-class CameraGrid {
- public:
-  void Add(const Eigen::Vector2d& xy, size_t place_idx) {
-    const auto [cell, is_new] =
-        cells_.emplace(Cell(CellOf(xy.x()), CellOf(xy.y())), kNone);
-    entries_.push_back({xy, place_idx, cell->second});
-    cell->second = entries_.size() - 1;
-  }
-
-  // Calls function(place_idx) for those within kMaxDistance.
-  template <typename Function>
-  void ForEachNear(const Eigen::Vector2d& xy, const Function& function) const {
-    for (int64_t x = CellOf(xy.x() - kMaxDistance);
-         x <= CellOf(xy.x() + kMaxDistance);
-         ++x) {
-      for (int64_t y = CellOf(xy.y() - kMaxDistance);
-           y <= CellOf(xy.y() + kMaxDistance);
-           ++y) {
-        const auto cell = cells_.find(Cell(x, y));
-        if (cell == cells_.end()) continue;
-        for (size_t i = cell->second; i != kNone; i = entries_[i].next) {
-          if ((entries_[i].xy - xy).norm() > kMaxDistance) continue;
-          function(entries_[i].place_idx);
-        }
-      }
-    }
-  }
-
- private:
-  static constexpr size_t kNone = SIZE_MAX;
-
-  struct Entry {
-    Eigen::Vector2d xy;
-    size_t place_idx;
-    size_t next;  // in the same cell
-  };
-
-  static int64_t CellOf(double coordinate) {
-    return static_cast<int64_t>(
-        std::floor(std::clamp(coordinate, -1e9, 1e9) / kCellSize));
-  }
-
-  // Cells far apart may share a key: distances are checked anyway.
-  static uint64_t Cell(int64_t x, int64_t y) {
-    constexpr uint64_t kMask = (uint64_t{1} << 32) - 1;
-    return (static_cast<uint64_t>(x) << 32) |
-           (static_cast<uint64_t>(y) & kMask);
-  }
-
-  std::unordered_map<uint64_t, size_t> cells_;  // the last entry of each
-  std::vector<Entry> entries_;
-};
-
 // Where the tracks of the frames so far have been, each place with the first
 // keypoint in every camera.
 class Places {
  public:
   explicit Places(size_t num_cameras)
-      : grids_(num_cameras), additions_(num_cameras) {}
+      : grids_(num_cameras, KeypointGrid(kMaxDistance, kCellSize)),
+        additions_(num_cameras) {}
 
   // Those that the track of a later frame shows, ascending.
   std::vector<size_t> Find(const Frame& frame, size_t point_idx) const {
@@ -218,8 +163,9 @@ class Places {
   }
 
   std::vector<Place> places_;
-  std::vector<size_t> parents_;    // of a root: itself
-  std::vector<CameraGrid> grids_;  // by camera
+  std::vector<size_t> parents_;  // of a root: itself
+  // By camera: the first keypoints of places.
+  std::vector<KeypointGrid> grids_;
   // Of the frame at hand, by camera.
   std::vector<std::vector<std::pair<Eigen::Vector2d, size_t>>> additions_;
   std::vector<Keypoint> keypoints_;
