@@ -11,9 +11,9 @@ rooms=(
   src/util src/geometry src/sensor src/scene cuda src/dense src/patches
   src/feature src/estimators src/evaluation src/report src/report_page src/refinement
   src/simulation
-  colmap_ext/host colmap_ext/io colmap_ext/rig_formats colmap_ext/rigs colmap_ext/options
+  colmap_ext/host colmap_ext/io colmap_ext/models colmap_ext/rig_formats colmap_ext/rigs colmap_ext/options
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation
-  colmap_ext/controllers colmap_ext/report colmap_ext/refinement colmap_ext/exe
+  colmap_ext/controllers colmap_ext/report colmap_ext/refinement colmap_ext/result colmap_ext/exe
 )
 status=0
 num_includes=0

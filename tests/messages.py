@@ -10,7 +10,7 @@ import pathlib
 import re
 import sys
 
-START = re.compile(r'\b(?:Usage|Input|Solver|Output)Error\(|"(?:WARNING|ERROR): ')
+START = re.compile(r'\b(?:(?:Usage|Input|Solver|Output)Error|FolderInUse)\(|"(?:WARNING|ERROR): ')
 # A literal, a comment or any other single character.
 TOKEN = re.compile(r'"((?:[^"\\]|\\.)*)"|//[^\n]*|\'(?:[^\'\\]|\\.)+\'|.', re.S)
 MIN_LENGTH = 12

@@ -6,8 +6,8 @@
 
 #include "colmap_ext/host/triangulation.h"
 #include "colmap_ext/host/util.h"
-#include "colmap_ext/io/camera_models.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_io.h"
 #include "src/util/errors.h"
 
 namespace mfir {

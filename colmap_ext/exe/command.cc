@@ -9,6 +9,7 @@
 #include <new>
 #include <string>
 
+#include "colmap_ext/options/log_file.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
 #include "src/util/mpi_communicator.h"
@@ -71,6 +72,23 @@ ProcessGroup& Group() {
   return *group;
 }
 
+int RunOverRanks(const std::function<void(const Communicator&)>& body) {
+  Outcome outcome;
+  ProcessGroup* group = nullptr;
+  outcome = RunBody([&group]() { group = &Group(); });
+  if (group == nullptr) return Report(outcome);
+  ShareMachine(group->NumRanksOfMachine());
+  // The others would say the same.
+  if (!group->IsFirst()) EndSilentlyAtSignals();
+  try {
+    outcome = RunBody([&body, group]() { body(*group); });
+    if (group->Finish(&outcome.exit_code)) return Report(outcome);
+  } catch (const OtherRankFailed& failure) {
+    outcome.exit_code = failure.exit_code;
+  }
+  return outcome.exit_code;
+}
+
 }  // namespace
 
 int RunCommand(const std::function<void()>& body) {
@@ -88,20 +106,10 @@ int RunCommand(const std::function<void()>& body) {
 int RunCommandOverRanks(const std::function<void(const Communicator&)>& body) {
   EndCleanlyAtSignals();
   const CleanFailures clean_failures;
-  Outcome outcome;
-  ProcessGroup* group = nullptr;
-  outcome = RunBody([&group]() { group = &Group(); });
-  if (group == nullptr) return Report(outcome);
-  ShareMachine(group->NumRanksOfMachine());
-  // The others would say the same.
-  if (!group->IsFirst()) EndSilentlyAtSignals();
-  try {
-    outcome = RunBody([&body, group]() { body(*group); });
-    if (group->Finish(&outcome.exit_code)) return Report(outcome);
-  } catch (const OtherRankFailed& failure) {
-    outcome.exit_code = failure.exit_code;
-  }
-  return outcome.exit_code;
+  LogFileScope log_file;
+  const int exit_code = RunOverRanks(body);
+  log_file.SetExitCode(exit_code);
+  return exit_code;
 }
 
 }  // namespace mfir

@@ -15,6 +15,7 @@
 #include "colmap_ext/host/log.h"
 #include "colmap_ext/host/options.h"
 #include "colmap_ext/host/util.h"
+#include "colmap_ext/options/log_file.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/util/errors.h"
@@ -228,6 +229,17 @@ void CheckNames(const std::vector<Argument>& arguments,
   }
 }
 
+// The steps would begin one of their own, after the first heading.
+void BeginLogFileOf(int argc, char** argv, const std::vector<Argument>& given) {
+  host::LogOptions options;
+  for (const Argument& argument : given) {
+    if (argument.name == "log_path") options.path = argument.value;
+    if (argument.name == "log_target") options.target = argument.value;
+  }
+  BeginLogFile(
+      options, "multi_frame_automatic_refiner", {argv + 1, argv + argc});
+}
+
 int Run(int argc, char** argv) {
   for (int i = 1; i < argc; ++i) {
     const std::string text = argv[i];
@@ -241,6 +253,7 @@ int Run(int argc, char** argv) {
   const std::set<std::string> triangulator = TriangulatorNames();
   const std::set<std::string> refiner = RefinerNames();
   CheckNames(arguments, triangulator, refiner);
+  BeginLogFileOf(argc, argv, arguments);
   const std::string frames = (workspace / "frames").string();
   const std::string refined = (workspace / "refined").string();
   // Two lists: frames are the output of one and the input of the other.

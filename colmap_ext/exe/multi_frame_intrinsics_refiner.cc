@@ -14,7 +14,7 @@
 #include "colmap_ext/refinement/refiner_progress.h"
 #include "colmap_ext/refinement/refiner_result.h"
 #include "colmap_ext/refinement/refiner_solves.h"
-#include "colmap_ext/refinement/result_writer.h"
+#include "colmap_ext/result/result_writer.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"
 

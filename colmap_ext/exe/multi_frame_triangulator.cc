@@ -3,12 +3,16 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <memory>
 #include <new>
-#include <nlohmann/json.hpp>
 #include <optional>
+#include <thread>
+
+#include <nlohmann/json.hpp>
 
 #include "colmap_ext/controllers/frame_triangulation.h"
 #include "colmap_ext/controllers/parallel_log.h"
@@ -19,8 +23,8 @@
 #include "colmap_ext/frames/frame_database.h"
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/util.h"
-#include "colmap_ext/io/model_io.h"
 #include "colmap_ext/io/work_folder.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
@@ -155,6 +159,25 @@ class FrameOutput {
   std::optional<WorkFolder> work_folder_;
 };
 
+// Waits while another run makes the frame, and then has *waited true.
+std::unique_ptr<FrameOutput> LockFrame(const fs::path& folder,
+                                       const std::string& name,
+                                       ParallelLog* log,
+                                       bool* waited) {
+  *waited = false;
+  while (true) {
+    try {
+      return std::make_unique<FrameOutput>(folder);
+    } catch (const FolderInUse&) {
+      if (!*waited) {
+        log->Print("Frame '" + name + "': another run is making it; waiting");
+      }
+      *waited = true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+  }
+}
+
 // Returns what the frame came to, for the log. Throws InputError.
 std::string ProcessFrame(const TriangulatorOptions& options,
                          const TriangulatorInputs& inputs,
@@ -162,11 +185,11 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                          ParallelLog* log,
                          InputFrame* frame) {
   const fs::path folder = fs::path(options.output_path) / frame->name;
+  const auto is_finished = [&inputs](const Json& record) {
+    return record.value("inputs", "") == inputs.fingerprint;
+  };
   const Json previous = ReadRecord(folder);
-  if (!options.overwrite &&
-      previous.value("inputs", "") == inputs.fingerprint) {
-    return "finished before";
-  }
+  if (!options.overwrite && is_finished(previous)) return "finished before";
   if (fs::exists(folder / "sparse" / "0") &&
       !fs::exists(folder / kRecordName)) {
     throw InputError((folder / "sparse" / "0").string() +
@@ -180,7 +203,19 @@ std::string ProcessFrame(const TriangulatorOptions& options,
   if (make_database && !frame->failure.empty()) {
     throw InputError(frame->failure);
   }
-  const FrameOutput output(folder);
+  bool waited = false;
+  const std::unique_ptr<FrameOutput> output =
+      LockFrame(folder, frame->name, log, &waited);
+  if (waited) {
+    const Json record = ReadRecord(folder);
+    if (is_finished(record)) return "finished by another run";
+    if (record != previous) {
+      throw OutputError(folder.string() +
+                        ": another run, with other inputs or options, has "
+                        "made this frame meanwhile. Give each an "
+                        "--output_path of its own.");
+    }
+  }
   FrameStatistics statistics;
   FrameTimings timings;
   if (make_database) {
@@ -189,17 +224,17 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                       frame->files,
                       inputs.pairs,
                       num_threads,
-                      output.DatabasePath(),
+                      output->DatabasePath(),
                       LogProgress(frame->name, "images", log),
                       &timings,
                       &frame->warnings);
   } else {
-    CopyFrameDatabase(database_path.string(), output.DatabasePath());
+    CopyFrameDatabase(database_path.string(), output->DatabasePath());
   }
   {
     const std::shared_ptr<host::Database> database =
-        host::OpenDatabase(output.DatabasePath());
-    WriteModel(output.ModelPath(),
+        host::OpenDatabase(output->DatabasePath());
+    WriteModel(output->ModelPath(),
                /*with_text=*/false,
                TriangulateFrame(options,
                                 inputs.naming.OfFrame(frame->name),
@@ -212,12 +247,12 @@ std::string ProcessFrame(const TriangulatorOptions& options,
                                 &timings,
                                 &frame->warnings));
   }
-  output.Finish(make_database,
-                MakeRecord(inputs,
-                           make_database || is_own,
-                           statistics,
-                           timings,
-                           frame->warnings));
+  output->Finish(make_database,
+                 MakeRecord(inputs,
+                            make_database || is_own,
+                            statistics,
+                            timings,
+                            frame->warnings));
   return host::StringPrintf(
       "%zu images, %zu pairs, tolerance %.1f px, %zu points, track length "
       "%.2f%s (%.1f + %.1f + %.1f + %.1f s)",

@@ -8,7 +8,7 @@
 
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/options/triangulator_options.h"
-#include "colmap_ext/refinement/limits.h"
+#include "colmap_ext/result/limits.h"
 #include "src/refinement/options.h"
 
 namespace mfir {

@@ -13,7 +13,7 @@
 #include "colmap_ext/host/feature_options.h"
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/host/util.h"
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/rigs/rig_scaling.h"
 #include "src/scene/frame_choice.h"

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "colmap_ext/feature/sift_extractor.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/rigs/rig_scaling.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"

@@ -4,7 +4,7 @@
 #include <tuple>
 
 #include "colmap_ext/frames/frames.h"
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/geometry/alignment.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"

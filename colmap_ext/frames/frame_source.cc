@@ -9,8 +9,8 @@
 
 #include "colmap_ext/host/reconstruction_parts.h"
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_frames.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_frames.h"
+#include "colmap_ext/models/model_io.h"
 #include "src/sensor/frame_naming.h"
 #include "src/util/errors.h"
 

@@ -7,8 +7,8 @@
 
 #include "colmap_ext/frames/frame_source.h"
 #include "colmap_ext/host/util.h"
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/rigs/rig_scaling.h"
 #include "src/scene/frame_choice.h"
 #include "src/sensor/camera_conversion.h"
@@ -216,32 +216,21 @@ void ReadFrames(const MultiFrameOptions& options,
               << " frames are used (max_num_frames)" << std::endl;
   }
   const auto range = FramesOfRank(num_frames, *capture->ranks);
-  const int num_threads = options.EffectiveNumThreads();
-  const auto num_at_once = static_cast<size_t>(2 * num_threads);
-  for (size_t first = range.first; first < range.second; first += num_at_once) {
-    const size_t num = std::min(num_at_once, range.second - first);
-    std::vector<FrameModel> frames(num);
-    std::vector<std::exception_ptr> failures(num);
-    ParallelFor(num, num_threads, [&](size_t i) {
-      try {
-        frames[i] = source.Read(chosen[first + i]);
-      } catch (...) {
-        failures[i] = std::current_exception();
-      }
-    });
-    for (size_t i = 0; i < num; ++i) {
-      if (failures[i]) std::rethrow_exception(failures[i]);
-      FrameModel& frame = frames[i];
-      MatchFrame(naming, camera_idxs, target_model, &frame, capture);
-      if (frame.reconstruction != nullptr) {
-        if (rig.scale_intrinsics) ScaleCameras(frame, &capture->cameras);
-        CheckCameras(frame, capture->frames, capture->cameras);
-      }
-      if (!options.quiet) LogFrame(frame, first + i, num_frames);
-      if (!frame.skip_reason.empty()) frame.reconstruction.reset();
-      capture->frames.push_back(std::move(frame));
-    }
-  }
+  ParallelInOrder(
+      range.first,
+      range.second,
+      options.EffectiveNumThreads(),
+      [&](size_t i) { return source.Read(chosen[i]); },
+      [&](size_t i, FrameModel frame) {
+        MatchFrame(naming, camera_idxs, target_model, &frame, capture);
+        if (frame.reconstruction != nullptr) {
+          if (rig.scale_intrinsics) ScaleCameras(frame, &capture->cameras);
+          CheckCameras(frame, capture->frames, capture->cameras);
+        }
+        if (!options.quiet) LogFrame(frame, i, num_frames);
+        if (!frame.skip_reason.empty()) frame.reconstruction.reset();
+        capture->frames.push_back(std::move(frame));
+      });
 }
 
 // Those of all ranks, on all of them.

@@ -2,33 +2,20 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <iostream>
 
 #include "colmap_ext/host/util.h"
 
 #if MFIR_COLMAP_MAJOR >= 4
-#include <iostream>
-
 #include <boost/program_options.hpp>
 
 #include "colmap/util/version.h"
 #endif
 
 namespace mfir::host {
-#if MFIR_COLMAP_MAJOR >= 4
 namespace {
 
-namespace po = boost::program_options;
-
-// COLMAP's description of the options is for derived classes.
-struct Described : OptionManager {
-  static const po::options_description& Options(const OptionManager& manager) {
-    return *(manager.*(&Described::desc_));
-  }
-};
-
-// COLMAP 4 would log to a file as well.
-void CheckLogTarget(const po::variables_map& map) {
-  const auto target = map["log_target"].as<std::string>();
+void CheckLogTarget(const std::string& target) {
   for (const char* known : {"stderr", "stdout", "file", "stderr_and_file"}) {
     if (target == known) return;
   }
@@ -38,15 +25,27 @@ void CheckLogTarget(const po::variables_map& map) {
   std::exit(EXIT_FAILURE);
 }
 
+#if MFIR_COLMAP_MAJOR >= 4
+namespace po = boost::program_options;
+
+// COLMAP's description of the options is for derived classes.
+struct Described : OptionManager {
+  static const po::options_description& Options(const OptionManager& manager) {
+    return *(manager.*(&Described::desc_));
+  }
+};
+
 // COLMAP 4 reports help and errors through its log.
-void ReportAsColmap3(int argc, char** argv, const OptionManager& manager) {
+LogOptions ReportAsColmap3(int argc,
+                           char** argv,
+                           const OptionManager& manager) {
   const po::options_description& options = Described::Options(manager);
   try {
     po::variables_map map;
     po::store(po::parse_command_line(argc, argv, options), map);
     if (map.count("help") == 0) {
-      CheckLogTarget(map);
-      return;
+      return {map["log_target"].as<std::string>(),
+              map["log_path"].as<std::string>()};
     }
   } catch (const po::error& error) {
     std::cerr << "ERROR: Failed to parse options - " << error.what() << "."
@@ -61,12 +60,12 @@ void ReportAsColmap3(int argc, char** argv, const OptionManager& manager) {
             << options << std::endl;
   std::exit(EXIT_SUCCESS);
 }
-
-}  // namespace
 #endif
 
-void ParseOptions(const std::vector<std::string>& arguments,
-                  OptionManager* manager) {
+}  // namespace
+
+LogOptions ParseOptions(const std::vector<std::string>& arguments,
+                        OptionManager* manager) {
   std::vector<std::string> strings = {"colmap"};
   strings.insert(strings.end(), arguments.begin(), arguments.end());
   std::vector<char*> argv;
@@ -74,12 +73,22 @@ void ParseOptions(const std::vector<std::string>& arguments,
     argv.push_back(string.data());
   }
 #if MFIR_COLMAP_MAJOR >= 4
-  ReportAsColmap3(static_cast<int>(argv.size()), argv.data(), *manager);
+  const LogOptions log =
+      ReportAsColmap3(static_cast<int>(argv.size()), argv.data(), *manager);
+  // COLMAP 4 would take another for stderr_and_file.
+  CheckLogTarget(log.target);
   if (!manager->Parse(static_cast<int>(argv.size()), argv.data())) {
     std::exit(EXIT_FAILURE);
   }
 #else
+  LogOptions log;
+  manager->AddDefaultOption("log_target", &log.target);
+  manager->AddDefaultOption("log_path", &log.path);
   manager->Parse(static_cast<int>(argv.size()), argv.data());
+  CheckLogTarget(log.target);
+  FLAGS_logtostderr |=
+      log.target.rfind("std", 0) == 0 && log.target != "stderr_and_file";
+  if (!log.path.empty()) FLAGS_log_dir = log.path;
 #endif
   // COLMAP 3.8 makes glog verbose, and with it Ceres.
   const bool log_level_set = std::any_of(
@@ -87,6 +96,7 @@ void ParseOptions(const std::vector<std::string>& arguments,
         return argument.rfind("--log_level", 0) == 0;
       });
   if (!log_level_set) FLAGS_v = 0;
+  return log;
 }
 
 const std::vector<std::string>& CommonOptionNames() {
@@ -100,8 +110,13 @@ const std::vector<std::string>& CommonOptionNames() {
                                                  "log_severity",
                                                  "log_color"};
 #else
-  static const std::vector<std::string> names = {
-      "help", "project_path", "random_seed", "log_to_stderr", "log_level"};
+  static const std::vector<std::string> names = {"help",
+                                                 "project_path",
+                                                 "random_seed",
+                                                 "log_target",
+                                                 "log_path",
+                                                 "log_to_stderr",
+                                                 "log_level"};
 #endif
   return names;
 }
@@ -129,8 +144,6 @@ std::string PlaceOfOption(const std::string& name) {
 #else
   const char* const kOther = "4";
   static constexpr Place kPlaces[] = {
-      {"log_target", "--log_to_stderr"},
-      {"log_path", "--log_to_stderr"},
       {"log_severity", "--log_level"},
       {"log_color", "--log_to_stderr"},
       {"default_random_seed", "--random_seed"},

@@ -20,11 +20,18 @@ using OptionManager = colmap::BaseOptionManager;
 using OptionManager = colmap::OptionManager;
 #endif
 
+// COLMAP 4's options of its log; with 3.8 our commands have them, too.
+struct LogOptions {
+  // "stderr", "stdout", "file" or "stderr_and_file".
+  std::string target = "stderr_and_file";
+  std::string path;
+};
+
 // Parses "--name value" and "--name=value"; `arguments` has no --project_path.
 // With --help: prints the options and exits with 0. Exits with 1 and a line on
 // stderr for a value that cannot be read.
-void ParseOptions(const std::vector<std::string>& arguments,
-                  OptionManager* manager);
+LogOptions ParseOptions(const std::vector<std::string>& arguments,
+                        OptionManager* manager);
 
 // Names of the options that COLMAP adds to each command.
 const std::vector<std::string>& CommonOptionNames();

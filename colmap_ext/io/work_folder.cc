@@ -12,8 +12,6 @@
 #include <system_error>
 #include <utility>
 
-#include "src/util/errors.h"
-
 namespace mfir {
 namespace {
 
@@ -96,7 +94,7 @@ bool WorkFolder::Lock() {
   }
   if (flock(lock_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
     close(lock_);
-    throw OutputError(path_.string() +
+    throw FolderInUse(path_.string() +
                       ": another run is writing to this folder. Wait for it, "
                       "or give another --output_path.");
   }

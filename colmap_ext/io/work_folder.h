@@ -6,9 +6,15 @@
 #include <optional>
 #include <string>
 
+#include "src/util/errors.h"
 #include "src/util/interruption.h"
 
 namespace mfir {
+
+// Another run has the folder.
+struct FolderInUse : OutputError {
+  using OutputError::OutputError;
+};
 
 // A folder of this run alone, empty at first; it goes, with what is in it, when
 // the object goes or when a signal ends the process.
@@ -16,8 +22,8 @@ class WorkFolder {
  public:
   // Makes the folder in one that exists. What a killed run has left there is
   // removed; a link is removed, not followed. Throws OutputError if it cannot
-  // be made, or while another run has it. File systems without locks go
-  // without. Not within a SignalDelay.
+  // be made, FolderInUse while another run has it. File systems without locks
+  // go without. Not within a SignalDelay.
   explicit WorkFolder(const std::filesystem::path& path);
   ~WorkFolder();
   WorkFolder(const WorkFolder&) = delete;

@@ -15,6 +15,7 @@
 
 #include "colmap_ext/host/options.h"
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/options/log_file.h"
 #include "src/util/edit_distance.h"
 #include "src/util/errors.h"
 
@@ -273,7 +274,9 @@ void OptionParser::Parse(
   // Each pass starts from the values the one before has set.
   set_names_.clear();
   ParsePass(ini_arguments);
-  ParsePass(WithCommonOptions(ini_arguments, command_line));
+  BeginLogFile(ParsePass(WithCommonOptions(ini_arguments, command_line)),
+               CommandName(),
+               command_line);
   ini_arguments.insert(
       ini_arguments.end(), command_line.begin(), command_line.end());
   for (const std::string& argument : ini_arguments) {
@@ -286,6 +289,14 @@ void OptionParser::Parse(
                        " is required. See --help.");
     }
   }
+}
+
+// COLMAP calls commands with its own name in place of theirs.
+std::string OptionParser::CommandName() const {
+  std::istringstream words(example_);
+  std::string name;
+  words >> name >> name;
+  return name;
 }
 
 void OptionParser::PrintHelp(std::ostream& stream) const {
@@ -316,10 +327,14 @@ void OptionParser::PrintHelp(std::ostream& stream) const {
   }
   stream << "\nFurther:\n  --project_path FILE               ini file with "
             "options; the command line wins\n  --help                        "
-            "    this text\n";
+            "    this text\n"
+            "  --log_path DIR                  also write what is printed to a "
+            "file in DIR\n  --log_target file               and warnings and "
+            "errors alone to the terminal\n";
 }
 
-void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
+host::LogOptions OptionParser::ParsePass(
+    const std::vector<std::string>& arguments) const {
   host::OptionManager manager;
   for (const Option& option : options_) {
     option.add(&manager);
@@ -346,7 +361,7 @@ void OptionParser::ParsePass(const std::vector<std::string>& arguments) const {
     }
   }
   CheckValues(filtered);
-  host::ParseOptions(filtered, &manager);
+  return host::ParseOptions(filtered, &manager);
 }
 
 // COLMAP ends the program at a value that is not of the option's type.

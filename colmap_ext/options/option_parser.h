@@ -47,7 +47,8 @@ class OptionParser {
   // Parses --project_path (if given), then the command line. If `preset_name`
   // names a registered string option, `apply_preset` is called with its value
   // before anything else is parsed, and sets defaults (explicit options win).
-  // Throws UsageError. With --help: prints the options and exits with 0.
+  // Begins the log file that --log_path asks for. Throws UsageError. With
+  // --help: prints the options and exits with 0.
   void Parse(int argc,
              char** argv,
              const std::string& preset_name = "",
@@ -74,8 +75,9 @@ class OptionParser {
     std::function<nlohmann::ordered_json()> json;
   };
 
+  std::string CommandName() const;
   void PrintHelp(std::ostream& stream) const;
-  void ParsePass(const std::vector<std::string>& arguments) const;
+  host::LogOptions ParsePass(const std::vector<std::string>& arguments) const;
   std::vector<std::string> ReadIni(const std::string& path) const;
   void CheckName(const std::string& argument) const;
   void CheckValues(const std::vector<std::string>& arguments) const;

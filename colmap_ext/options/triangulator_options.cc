@@ -4,7 +4,7 @@
 #include <sstream>
 
 #include "colmap_ext/host/feature_options.h"
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "src/util/errors.h"
 

@@ -6,9 +6,9 @@
 #include <stdexcept>
 
 #include "colmap_ext/host/reconstruction.h"
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/report/example_images.h"
 #include "colmap_ext/report/summary_reader.h"
 #include "src/report/html.h"
@@ -120,26 +120,24 @@ void ReadFrames(const std::string& path, Report* report) {
     }
   }
   report->matrix.resize(report->frame_names.size() * report->cameras.size());
-  // Some at a time, side by side.
-  const size_t num_frames = report->frame_names.size();
-  const auto num_at_once = static_cast<size_t>(2 * NumThreadsOfMachine());
-  for (size_t first = 0; first < num_frames; first += num_at_once) {
-    const size_t num = std::min(num_at_once, num_frames - first);
-    std::vector<host::Reconstruction> frames(num);
-    const auto path_of = [&](size_t f) {
-      return FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
-    };
-    ParallelFor(num, -1, [&](size_t i) {
-      ReadModel(path_of(first + i), /*require_points=*/true, &frames[i]);
-    });
-    for (size_t i = 0; i < num; ++i) {
-      const size_t f = first + i;
-      AddObservations(path_of(f), f, frames[i], report);
-      if (f > 0) continue;
-      AddScenePoints(frames[i], report);
-      AddExamples(report->frame_names[f], frames[i], report);
-    }
-  }
+  const auto path_of = [&](size_t f) {
+    return FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
+  };
+  ParallelInOrder(
+      0,
+      report->frame_names.size(),
+      -1,
+      [&](size_t f) {
+        host::Reconstruction frame;
+        ReadModel(path_of(f), /*require_points=*/true, &frame);
+        return frame;
+      },
+      [&](size_t f, const host::Reconstruction& frame) {
+        AddObservations(path_of(f), f, frame, report);
+        if (f > 0) return;
+        AddScenePoints(frame, report);
+        AddExamples(report->frame_names[f], frame, report);
+      });
 }
 
 // Results of before the field was there: 4 standard deviations.

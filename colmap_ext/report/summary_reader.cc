@@ -7,8 +7,8 @@
 #include <map>
 #include <stdexcept>
 
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/report/html.h"
 #include "src/util/errors.h"
 

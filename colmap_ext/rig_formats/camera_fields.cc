@@ -10,8 +10,8 @@
 #include <Eigen/SVD>
 
 #include "colmap_ext/host/util.h"
-#include "colmap_ext/io/camera_models.h"
-#include "colmap_ext/io/model_check.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_check.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/sensor/camera_naming.h"
 #include "src/sensor/image_name.h"

@@ -1,6 +1,6 @@
 #include "colmap_ext/host/reconstruction.h"
-#include "colmap_ext/io/camera_models.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
 

@@ -6,7 +6,7 @@
 #include <system_error>
 
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/rig_formats/json_file.h"
 #include "src/util/errors.h"
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <string>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 
 namespace mfir {
 namespace {

@@ -6,7 +6,7 @@
 #include <numeric>
 
 #include "colmap_ext/host/bundle_adjustment.h"
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/simulation/simulated_rig.h"
 #include "src/util/errors.h"
 #include "src/util/parallel_for.h"

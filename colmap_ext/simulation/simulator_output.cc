@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/host/image_file.h"
-#include "colmap_ext/io/camera_models.h"
-#include "colmap_ext/io/model_io.h"
 #include "colmap_ext/io/work_folder.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "src/util/errors.h"

@@ -68,7 +68,7 @@ struct MultiFrameOptions {
   int max_num_frames = 0;
 
   // What becomes of tracks that are in place in several frames: "merge", "keep"
-  // or "drop", see StaticPoints.
+  // or "drop", see FindStaticPoints.
   std::string static_points = "keep";
 
   // Share of the tracks that take no part, to check the result.

@@ -172,7 +172,7 @@ class Places {
 };
 
 // In the scene of one process.
-StaticPoints FindInOneProcess(const Scene& scene, int num_threads) {
+TrackGroups FindInOneProcess(const Scene& scene, int num_threads) {
   if (scene.frames.size() < 2) return {};
   Places places(scene.cameras.size());
   for (size_t f = 0; f < scene.frames.size(); ++f) {
@@ -191,7 +191,7 @@ StaticPoints FindInOneProcess(const Scene& scene, int num_threads) {
     }
     places.FinishFrame(num_threads);
   }
-  StaticPoints points;
+  TrackGroups points;
   for (std::vector<TrackIndex>& tracks : places.TakeTracks()) {
     if (tracks.empty()) continue;
     std::sort(tracks.begin(), tracks.end());
@@ -295,7 +295,7 @@ TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find) {
       for (const TrackIndex& track : points[g]) tracks.push_back({g, track});
     }
   }
-  StaticPoints points;
+  TrackGroups points;
   for (const auto& [group, track] : Concatenate(ranks, tracks)) {
     points.resize(group + 1);
     if (track.frame_idx < first_frame ||
@@ -307,7 +307,7 @@ TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find) {
   return points;
 }
 
-StaticPoints FindStaticPoints(const Scene& scene, int num_threads) {
+TrackGroups FindStaticPoints(const Scene& scene, int num_threads) {
   return FindOverRanks(scene, [num_threads](const Scene& all) {
     return FindInOneProcess(all, num_threads);
   });

@@ -11,12 +11,10 @@
 
 namespace mfir {
 
-// Groups of tracks that show the same static point in two frames or more, each
-// in the order of the frames.
-using StaticPoints = std::vector<std::vector<TrackIndex>>;
+// Tracks that belong together, each group in the order of the frames.
+using TrackGroups = std::vector<std::vector<TrackIndex>>;
 
 // What finds groups of tracks in a scene of one process.
-using TrackGroups = std::vector<std::vector<TrackIndex>>;
 using FindGroups = std::function<TrackGroups(const Scene&)>;
 
 // The groups that `find` gives for the frames of all ranks: the same groups on
@@ -25,7 +23,8 @@ using FindGroups = std::function<TrackGroups(const Scene&)>;
 // nothing else of them.
 TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find);
 
-// A track belongs to a point that earlier frames have shown if in at least two
+// Tracks that show the same static point in two frames or more. A track belongs
+// to a point that earlier frames have shown if in at least two
 // cameras, and in most of the cameras they share, the keypoints agree within a
 // pixel with those of the first frame that has them. Linear in the number of
 // observations; the same for all numbers of threads (-1: all of the machine).
@@ -36,6 +35,6 @@ TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find);
 // 0.3 m, 0.1 % of the tracks at most are taken for static instead of 30 %.
 //
 // Over ranks as FindOverRanks.
-StaticPoints FindStaticPoints(const Scene& scene, int num_threads = -1);
+TrackGroups FindStaticPoints(const Scene& scene, int num_threads = -1);
 
 }  // namespace mfir

@@ -82,7 +82,7 @@ Selection SelectStaticPoints(const std::string& treatment,
                              const Scene& scene,
                              StaticPointStatistics* statistics,
                              int num_threads) {
-  const StaticPoints points = FindStaticPoints(scene, num_threads);
+  const TrackGroups points = FindStaticPoints(scene, num_threads);
   const TrackRole role = treatment == "keep"    ? TrackRole::kFitted
                          : treatment == "merge" ? TrackRole::kMerged
                                                 : TrackRole::kDropped;

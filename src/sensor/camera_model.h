@@ -1,6 +1,6 @@
 // The lens models the refiner works with, as an interface: COLMAP's own models
-// stand behind it (colmap_ext/io/camera_models.h), so that there is no second
-// set.
+// stand behind it (colmap_ext/models/camera_models.h), so that there is no
+// second set.
 
 #pragma once
 

@@ -10,6 +10,8 @@
 #include <exception>
 #include <system_error>
 #include <thread>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "src/util/cpu_time.h"
@@ -114,6 +116,35 @@ void ParallelFor(size_t count, int num_threads, const Function& function) {
         const Scope scope;
         function(i);
       });
+}
+
+// Makes the items make(i) of i in [begin, end) by a ParallelFor, a few at a
+// time, and passes them to use(i, item) on the calling thread, in order. What
+// make(i) throws is thrown in place of use(i).
+template <typename Make, typename Use>
+void ParallelInOrder(size_t begin,
+                     size_t end,
+                     int num_threads,
+                     const Make& make,
+                     const Use& use) {
+  if (num_threads <= 0) num_threads = NumThreadsOfMachine();
+  const auto num_at_once = static_cast<size_t>(2 * num_threads);
+  for (size_t first = begin; first < end; first += num_at_once) {
+    const size_t num = std::min(num_at_once, end - first);
+    std::vector<std::invoke_result_t<Make, size_t>> items(num);
+    std::vector<std::exception_ptr> failures(num);
+    ParallelFor(num, num_threads, [&](size_t i) {
+      try {
+        items[i] = make(first + i);
+      } catch (...) {
+        failures[i] = std::current_exception();
+      }
+    });
+    for (size_t i = 0; i < num; ++i) {
+      if (failures[i]) std::rethrow_exception(failures[i]);
+      use(first + i, std::move(items[i]));
+    }
+  }
 }
 
 }  // namespace mfir

@@ -17,7 +17,7 @@
 #include "colmap_ext/feature/dense_feature_sources.h"
 #include "colmap_ext/frames/frames.h"
 #include "colmap_ext/host/log.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "src/sensor/camera_naming.h"
 
 namespace mfir {

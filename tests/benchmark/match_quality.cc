@@ -30,7 +30,7 @@
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/log.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/simulation/simulated_rig.h"
 #include "colmap_ext/simulation/simulator.h"

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/util/errors.h"
 
 namespace mfir {

@@ -6,7 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "tests/support/refiner_runner.h"
 

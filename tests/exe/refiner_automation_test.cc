@@ -70,6 +70,68 @@ void ExpectValid(const Json& root,
 
 class RefinerAutomationTest : public RefinerTest {};
 
+// The only log file in a folder, with its name in front.
+std::string LogFileIn(const std::string& folder) {
+  std::string text;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.path().extension() != ".log" || !text.empty()) return "";
+    text = entry.path().filename().string() + "\n" +
+           ReadFile(entry.path().string());
+  }
+  return text;
+}
+
+TEST_F(RefinerAutomationTest, LogFileHasWhatIsPrinted) {
+  const CommandResult to_both = Refine({{"log_path", Path("logs/both")}});
+  const std::string both = LogFileIn(Path("logs/both"));
+  ASSERT_EQ(to_both.exit_code, kExitSuccess) << to_both.error;
+  EXPECT_EQ(both.find("multi_frame_intrinsics_refiner."), 0) << both;
+  EXPECT_NE(both.find("\ncolmap multi_frame_intrinsics_refiner --"),
+            std::string::npos);
+  EXPECT_FALSE(to_both.output.empty());
+  EXPECT_NE(both.find(to_both.output), std::string::npos) << both;
+  EXPECT_NE(both.find("\nExit code 0\n"), std::string::npos) << both;
+
+  // Errors are for the terminal, too.
+  const CommandResult to_file = Refine({{"log_path", Path("logs/file")},
+                                        {"log_target", "file"},
+                                        {"extrinsics_path", Path("nothing")}});
+  const std::string file = LogFileIn(Path("logs/file"));
+  EXPECT_EQ(to_file.exit_code, kExitBadInput);
+  EXPECT_EQ(to_file.output, "");
+  EXPECT_EQ(to_file.error.find("ERROR: "), 0);
+  EXPECT_NE(file.find(to_file.error + "Exit code 2\n"), std::string::npos)
+      << file;
+
+  ExpectRefines({{"log_path", Path("logs/none")}, {"log_target", "stdout"}});
+  EXPECT_FALSE(std::filesystem::exists(Path("logs/none")));
+  ExpectError(
+      kExitUsage, {"--log_target", "nowhere"}, {{"log_target", "nowhere"}});
+  ExpectError(
+      kExitOutput, {"--log_path"}, {{"log_path", Path("rig/cameras.txt")}});
+}
+
+TEST_F(RefinerAutomationTest, ManyCommandsWriteOneLogFile) {
+  const CommandResult result = RunColmap({"multi_frame_automatic_refiner",
+                                          "--workspace_path",
+                                          Path("w"),
+                                          "--image_path",
+                                          Path("frames"),
+                                          "--extrinsics_path",
+                                          Path("rig"),
+                                          "--log_target",
+                                          "file",
+                                          "--log_path",
+                                          Path("logs")});
+  // There are no images.
+  EXPECT_EQ(result.exit_code, kExitBadInput);
+  EXPECT_EQ(result.output, "");
+  const std::string log = LogFileIn(Path("logs"));
+  EXPECT_EQ(log.find("multi_frame_automatic_refiner."), 0) << log;
+  EXPECT_NE(log.find("1 of 2"), std::string::npos) << log;
+  EXPECT_NE(log.find(result.error + "Exit code 2\n"), std::string::npos) << log;
+}
+
 TEST_F(RefinerAutomationTest, SummaryFollowsItsSchema) {
   const Json schema = Json::parse(
       ReadFile(std::string(MFIR_SOURCE_DIR) + "/docs/summary.schema.json"));

@@ -3,7 +3,7 @@
 #include <random>
 
 #include "colmap_ext/host/reconstruction.h"
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "tests/support/refiner_runner.h"
 
 namespace mfir {

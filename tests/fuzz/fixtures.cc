@@ -4,8 +4,8 @@
 
 #include "colmap_ext/feature/feature_database.h"
 #include "colmap_ext/host/database.h"
-#include "colmap_ext/io/camera_models.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_io.h"
 #include "tests/support/test_files.h"
 
 namespace mfir {

@@ -181,7 +181,6 @@ TEST_F(OptionParserTest, OptionsOfTheLogMayBeInTheIniFile) {
 TEST_F(OptionParserTest, OptionsOfAnotherVersionNameTheirPlace) {
   const bool is_colmap4 = host::VersionInfo().find("COLMAP 4") == 0;
   const std::vector<std::pair<std::string, std::string>> pairs = {
-      {"--log_to_stderr", "--log_target"},
       {"--random_seed", "--default_random_seed"},
       {"--SiftExtraction.use_gpu", "--FeatureExtraction.use_gpu"}};
   for (const auto& [in_3, in_4] : pairs) {

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/patches/patch_slope.h"
 #include "src/util/random.h"
 #include "tests/support/patch_images.h"

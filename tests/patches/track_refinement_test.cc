@@ -9,7 +9,7 @@
 
 #include <gtest/gtest.h>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/simulation/image_renderer.h"
 #include "src/simulation/synthetic_surface.h"
 #include "src/util/random.h"

@@ -177,10 +177,10 @@ TEST(RefinementOverRanks, CorrectsExtrinsicsTogether) {
 // Also of the tracks that the frames of one rank share with those of another.
 TEST(RefinementOverRanks, FindsStaticPointsBetweenRanks) {
   const SceneEstimate all = MakeScene();
-  const StaticPoints expected = FindStaticPoints(all.scene);
+  const TrackGroups expected = FindStaticPoints(all.scene);
   ASSERT_GT(expected.size(), 50);
   RunRanks(4, [&](const Communicator& ranks) {
-    const StaticPoints found = FindStaticPoints(Share(all, ranks).scene);
+    const TrackGroups found = FindStaticPoints(Share(all, ranks).scene);
     ASSERT_EQ(found.size(), expected.size());
     for (size_t g = 0; g < found.size(); ++g) {
       std::vector<size_t> point_idxs;

@@ -3,7 +3,7 @@
 #include <limits>
 #include <random>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/test_files.h"
 

@@ -5,8 +5,8 @@
 #include <limits>
 #include <tuple>
 
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/work_folder.h"
+#include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/rig_examples.h"
 #include "tests/support/test_files.h"

@@ -4,7 +4,7 @@
 #include <limits>
 #include <random>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "tests/support/test_data.h"
 #include "tests/support/test_files.h"
 

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 
 namespace mfir {
 namespace {

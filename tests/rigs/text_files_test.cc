@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/options/option_parser.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/rig_examples.h"

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/util/errors.h"
 #include "tests/support/test_scenes.h"
 

@@ -11,8 +11,8 @@
 
 #include "colmap_ext/exe/command.h"
 #include "colmap_ext/host/image_file.h"
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/work_folder.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/util/errors.h"
 
 namespace mfir {

@@ -15,7 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/host/reconstruction.h"
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "colmap_ext/simulation/simulator.h"
 #include "tests/support/test_files.h"
 

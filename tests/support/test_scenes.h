@@ -10,7 +10,7 @@
 #include <ceres/loss_function.h>
 #include <ceres/problem.h>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/estimators/fixed_extrinsics_solver.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"

@@ -1,4 +1,4 @@
-#include "colmap_ext/refinement/limits.h"
+#include "colmap_ext/result/limits.h"
 
 #include <cmath>
 

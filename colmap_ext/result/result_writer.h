@@ -3,33 +3,18 @@
 #pragma once
 
 #include <string>
-#include <utility>
 #include <vector>
-
-#include <nlohmann/json.hpp>
 
 #include "colmap_ext/io/output_folder.h"
 #include "colmap_ext/options/option_parser.h"
-#include "colmap_ext/refinement/limits.h"
 #include "colmap_ext/refinement/refiner_result.h"
 #include "colmap_ext/refinement/refiner_solves.h"
+#include "colmap_ext/result/limits.h"
+#include "colmap_ext/result/run_summary.h"
 #include "src/refinement/stage.h"
 #include "src/scene/scene.h"
 
 namespace mfir {
-
-// Of the run, not of the cameras.
-struct RunReport {
-  std::vector<Stage> stages;
-  std::vector<std::pair<std::string, double>> timings_s;
-  nlohmann::ordered_json inputs;
-  nlohmann::ordered_json evaluation;      // null without a ground truth
-  std::string image_path;                 // empty: none
-  std::vector<std::string> output_types;  // names of RigFormats
-  Limits limits;
-  bool write_page = true;  // report.html
-  int num_threads = 1;
-};
 
 // The files and folders of a result, as OutputFolder takes them.
 const std::vector<std::string>& ResultNames();

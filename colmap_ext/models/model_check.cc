@@ -1,11 +1,11 @@
-#include "colmap_ext/io/model_check.h"
+#include "colmap_ext/models/model_check.h"
 
 #include <algorithm>
 #include <cmath>
 #include <unordered_set>
 #include <vector>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/util/errors.h"
 #include "src/util/parse_number.h"
 

@@ -1,11 +1,11 @@
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 
 #include <cstring>
 #include <limits>
 #include <random>
 
 #include "colmap_ext/host/reconstruction.h"
-#include "colmap_ext/io/model_check.h"
+#include "colmap_ext/models/model_check.h"
 #include "tests/support/test_data.h"
 #include "tests/support/test_files.h"
 

@@ -1,9 +1,9 @@
-#include "colmap_ext/io/track_references.h"
+#include "colmap_ext/models/track_references.h"
 
 #include <algorithm>
 #include <utility>
 
-#include "colmap_ext/io/model_check.h"
+#include "colmap_ext/models/model_check.h"
 
 namespace mfir {
 

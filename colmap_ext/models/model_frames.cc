@@ -1,4 +1,4 @@
-#include "colmap_ext/io/model_frames.h"
+#include "colmap_ext/models/model_frames.h"
 
 #include <cstdint>
 #include <filesystem>
@@ -7,8 +7,8 @@
 
 #include "colmap_ext/io/binary_file.h"
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_io.h"
 #include "colmap_ext/io/text_file.h"
+#include "colmap_ext/models/model_io.h"
 #include "src/util/errors.h"
 
 namespace mfir {

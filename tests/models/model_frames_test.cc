@@ -1,8 +1,8 @@
-#include "colmap_ext/io/model_frames.h"
+#include "colmap_ext/models/model_frames.h"
 
 #include <filesystem>
 
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 #include "tests/support/frames_file.h"
 #include "tests/support/test_files.h"
 

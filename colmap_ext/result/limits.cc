@@ -1,11 +1,11 @@
-#include "colmap_ext/refinement/limits.h"
+#include "colmap_ext/result/limits.h"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "colmap_ext/host/util.h"
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/util/errors.h"
 #include "src/util/parse_number.h"
 

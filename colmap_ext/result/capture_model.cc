@@ -1,8 +1,8 @@
-#include "colmap_ext/refinement/capture_model.h"
+#include "colmap_ext/result/capture_model.h"
 
 #include <filesystem>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 
 namespace mfir {
 namespace {

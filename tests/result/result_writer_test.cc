@@ -1,12 +1,12 @@
 // What may be written.
 
-#include "colmap_ext/refinement/result_writer.h"
+#include "colmap_ext/result/result_writer.h"
 
 #include <limits>
 
 #include <gtest/gtest.h>
 
-#include "colmap_ext/io/camera_models.h"
+#include "colmap_ext/models/camera_models.h"
 #include "src/util/errors.h"
 
 namespace mfir {

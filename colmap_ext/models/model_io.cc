@@ -1,4 +1,4 @@
-#include "colmap_ext/io/model_io.h"
+#include "colmap_ext/models/model_io.h"
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -18,9 +18,9 @@
 #include <vector>
 
 #include "colmap_ext/host/reconstruction.h"
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_check.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_check.h"
 #include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
 

@@ -5,11 +5,11 @@
 #include <utility>
 #include <vector>
 
-#include "colmap_ext/io/camera_models.h"
 #include "colmap_ext/io/input_file.h"
-#include "colmap_ext/io/model_check.h"
 #include "colmap_ext/io/text_file.h"
-#include "colmap_ext/io/track_references.h"
+#include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/models/model_check.h"
+#include "colmap_ext/models/track_references.h"
 
 namespace mfir {
 namespace {
