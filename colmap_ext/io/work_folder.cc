@@ -80,10 +80,8 @@ fs::path WorkFolder::Beside(const fs::path& path) {
 
 // False if the folder went away before it was locked.
 bool WorkFolder::Lock() {
-  std::error_code error;
-  if (!fs::is_directory(fs::symlink_status(path_, error))) {
-    fs::remove(path_, error);
-  }
+  // A link or a file. Not a folder, even if another run makes it just now.
+  unlink(path_.c_str());
   if (mkdir(path_.c_str(), 0777) != 0 && errno != EEXIST) {
     Fail(path_, LastError());
   }
