@@ -75,6 +75,23 @@ TEST_F(RealDataTest, PanopticOneFrame) {
   EXPECT_LE(summary_["evaluation"]["pp_abs"]["mean"], 0.9);
 }
 
+// A point whose minimum vanishes, and comes back, and so on: a `start` solve went
+// round in circles for 2000 iterations.
+TEST_F(RealDataTest, PointsThatLoseTheirMinimaStayOut) {
+  MFIR_REQUIRE_TEST_DATA("panoptic31/frames_triangulated/000060");
+  WriteFile(folder_ / "list", "000060\n");
+  Refine("panoptic31",
+         "frames_triangulated",
+         {"--frame_list_path",
+          folder_ / "list",
+          "--MultiFrame.camera_model",
+          "FULL_OPENCV"});
+  for (const nlohmann::json& stage : summary_["stages"]) {
+    EXPECT_EQ(stage["termination"], "converged");
+    EXPECT_LT(stage["iterations"], 300);
+  }
+}
+
 TEST_F(RealDataTest, RobovisionTriangulated) {
   MFIR_REQUIRE_TEST_DATA("robovision12/frames_triangulated");
   Refine("robovision12", "frames_triangulated");
