@@ -53,7 +53,7 @@ void MeasureDrifts(const Capture& capture,
       rig[i] = capture.cameras[i].params;
     }
   }
-  const std::vector<size_t> num_observations = NumObservations(scene);
+  const std::vector<size_t> num_observations = NumObservationsByCamera(scene);
   result->drifts = FindDrifts(cameras, num_observations, start);
   result->drifts_from_rig = FindDrifts(cameras, num_observations, rig);
 }

@@ -274,7 +274,7 @@ Totals AddUp(const Tracks& tracks) {
   }
   const Communicator& ranks = *scene.ranks;
   totals.num_frames = Sum(ranks, totals.num_frames);
-  totals.num_observations = NumObservations(scene);
+  totals.num_observations = NumObservationsByCamera(scene);
   totals.peak_rss_bytes = Concatenate(ranks, std::vector<size_t>{PeakRss()});
   for (const std::string& frame : Concatenate(ranks, DescribeFrames(tracks))) {
     totals.frames.push_back(Json::parse(frame));

@@ -214,7 +214,8 @@ std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                                                     const Estimate& estimate) {
   const std::vector<std::vector<Eigen::Vector3d>> rotations =
       RotationVectors(scene, estimate);
-  const std::vector<double> errors = ErrorsOfFew(NumObservations(scene));
+  const std::vector<double> errors =
+      ErrorsOfFew(NumObservationsByCamera(scene));
   std::vector<PoseDisagreement> disagreements(scene.cameras.size());
   for (size_t i = 0; i < rotations.size(); ++i) {
     if (rotations[i].empty()) continue;

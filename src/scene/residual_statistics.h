@@ -27,6 +27,6 @@ std::vector<double> RmsByCamera(const Scene& scene,
                                 const std::vector<bool>& selected);
 
 // Observations of each camera.
-std::vector<size_t> NumObservations(const Scene& scene);
+std::vector<size_t> NumObservationsByCamera(const Scene& scene);
 
 }  // namespace mfir
