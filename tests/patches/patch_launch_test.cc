@@ -1,12 +1,10 @@
 // What the CUDA launcher does, executed on the CPU: the same functions without
 // the CPU's vector instructions, by warps of threads and by single threads.
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <memory>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -162,10 +160,10 @@ void ExpectEqual(const std::vector<PatchFit>& results,
           << i << " " << k;
     }
     if (!(expected[i].coefficients[kGainIdx] > 1.0f)) continue;
-    ASSERT_NEAR(results[i].zncc, expected[i].zncc, 1e-4f) << i;
+    ASSERT_NEAR(results[i].zncc, expected[i].zncc, 1e-3f) << i;
     ASSERT_NEAR(results[i].noise_variance,
                 expected[i].noise_variance,
-                1e-4f + 1e-3f * expected[i].noise_variance)
+                1e-4f + 1e-2f * expected[i].noise_variance)
         << i;
   }
 }
@@ -183,12 +181,14 @@ void ExpectEqual(const std::vector<AlignedPatch>& results,
       continue;
     }
     for (int k = 0; k < 2; ++k) {
-      ASSERT_NEAR(results[i].center[k], expected[i].center[k], 1e-3) << i;
+      // One may end a step earlier; the last steps are shorter than 1e-3 px.
+      ASSERT_NEAR(results[i].center[k], expected[i].center[k], 2e-3) << i;
     }
     ASSERT_NEAR(results[i].alignment.zncc, alignment.zncc, 1e-3f) << i;
     for (int k = 0; k < 3; ++k) {
-      ASSERT_NEAR(
-          results[i].alignment.covariance[k], alignment.covariance[k], 1e-5f)
+      ASSERT_NEAR(results[i].alignment.covariance[k],
+                  alignment.covariance[k],
+                  1e-5f + 5e-2f * std::abs(alignment.covariance[k]))
           << i << " " << k;
     }
   }
@@ -200,7 +200,7 @@ void ExpectEqual(const std::vector<FoundPatch>& results,
   ASSERT_EQ(results.size(), expected.size());
   size_t num_different = 0;
   for (size_t i = 0; i < expected.size(); ++i) {
-    ASSERT_NEAR(results[i].zncc, expected[i].zncc, 1e-4f) << i;
+    ASSERT_NEAR(results[i].zncc, expected[i].zncc, 1e-3f) << i;
     if (std::isnan(expected[i].center[0])) continue;
     for (int k = 0; k < 2; ++k) {
       num_different +=
