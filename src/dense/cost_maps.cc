@@ -9,6 +9,7 @@
 #include "cuda/cost_maps_gpu.h"
 #include "src/dense/cost_map_backend.h"
 #include "src/util/errors.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -63,48 +64,29 @@ void InterpolateFeature(const DenseFeaturePatches& patches,
 // The backend that the options ask for, and the CPU where a GPU fails.
 class Backend {
  public:
-  explicit Backend(const CostMapOptions& options) : options_(options) {
-    if (options.use_gpu != 0) {
-      try {
-        backend_ =
-            CreateGpuCostMapBackend(options.gpu_index, options.num_threads);
-        return;
-      } catch (const GpuError& error) {
-        FallBack(error);
-      }
-    } else {
-      backend_ = CreateCpuCostMapBackend(options_.num_threads);
-    }
-  }
+  explicit Backend(const CostMapOptions& options)
+      : cpu_(CreateCpuCostMapBackend(options.num_threads)),
+        gpu_(options.use_gpu, "Cost maps are computed on the CPU", [&] {
+          return CreateGpuCostMapBackend(options.gpu_index,
+                                         options.num_threads);
+        }) {}
 
-  std::string Name() const { return backend_->Name(); }
-  std::string TakeFallback() { return std::exchange(fallback_, ""); }
+  std::string Name() const { return Choose(gpu_.Get())->Name(); }
+  std::string TakeFallback() { return gpu_.TakeFallback(); }
 
   // Calls function(backend), again on the CPU if a GPU fails.
   template <typename Function>
   void Call(const Function& function) {
-    try {
-      function(backend_.get());
-    } catch (const GpuError& error) {
-      FallBack(error);
-      function(backend_.get());
-    }
+    gpu_.Call([&](CostMapBackend* gpu) { function(Choose(gpu)); });
   }
 
  private:
-  void FallBack(const GpuError& error) {
-    if (options_.use_gpu == 1) {
-      throw UsageError(std::string("use_gpu=1: ") + error.what() +
-                       "; use_gpu=-1 takes the CPU then");
-    }
-    fallback_ =
-        std::string("Cost maps are computed on the CPU: ") + error.what();
-    backend_ = CreateCpuCostMapBackend(options_.num_threads);
+  CostMapBackend* Choose(CostMapBackend* gpu) const {
+    return gpu != nullptr ? gpu : cpu_.get();
   }
 
-  const CostMapOptions options_;
-  std::unique_ptr<CostMapBackend> backend_;
-  std::string fallback_;
+  const std::unique_ptr<CostMapBackend> cpu_;
+  GpuChoice<CostMapBackend> gpu_;
 };
 
 // The cost maps of one frame.
