@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
 #include <iostream>
 
 #include "colmap_ext/host/util.h"
+#include "src/util/errors.h"
 
 #if MFIR_COLMAP_MAJOR >= 4
 #include <boost/program_options.hpp>
@@ -27,6 +29,17 @@ void CheckLogTarget(const std::string& target) {
 
 #if MFIR_COLMAP_MAJOR >= 4
 namespace po = boost::program_options;
+
+// COLMAP 4 makes one level of folders, and throws where a file is in the way.
+void MakeLogFolder(const std::string& path) {
+  if (path.empty()) return;
+  std::error_code error;
+  std::filesystem::create_directories(path, error);
+  if (!std::filesystem::is_directory(path)) {
+    throw OutputError("--log_path " + path + ": cannot make the folder: " +
+                      (error ? error.message() : "a file is in the way") + ".");
+  }
+}
 
 // COLMAP's description of the options is for derived classes.
 struct Described : OptionManager {
@@ -77,6 +90,7 @@ LogOptions ParseOptions(const std::vector<std::string>& arguments,
       ReportAsColmap3(static_cast<int>(argv.size()), argv.data(), *manager);
   // COLMAP 4 would take another for stderr_and_file.
   CheckLogTarget(log.target);
+  MakeLogFolder(log.path);
   if (!manager->Parse(static_cast<int>(argv.size()), argv.data())) {
     std::exit(EXIT_FAILURE);
   }

@@ -29,7 +29,8 @@ struct LogOptions {
 
 // Parses "--name value" and "--name=value"; `arguments` has no --project_path.
 // With --help: prints the options and exits with 0. Exits with 1 and a line on
-// stderr for a value that cannot be read.
+// stderr for a value that cannot be read. Throws OutputError for a log_path that
+// cannot be made.
 LogOptions ParseOptions(const std::vector<std::string>& arguments,
                         OptionManager* manager);
 

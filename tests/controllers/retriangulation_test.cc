@@ -223,6 +223,7 @@ TEST_F(RetriangulationTest, OptionsOfColmapReachTheTracks) {
   WriteFile(Path("project.ini"),
             "[Mapper]\nmultiple_models=0\nfilter_min_tri_angle=25\n"
             "[SiftMatching]\nconfidence=0.9\nguided_matching=0\n"
+            "[FeatureMatching]\nguided_matching=0\n"  // its place in COLMAP 4
             "[MultiFrameTriangulator]\nmax_view_angle=50\n"
             "[SiftExtraction]\nmax_num_features=10\n");
   const auto smallest_angle_deg = [this](const std::string& output) {
