@@ -64,6 +64,8 @@ OutputFolder::OutputFolder(const std::string& path,
                       ": cannot create the folder: " + error.message() + ".");
   }
   Lock();
+  // In between a signal would remove what is not there yet.
+  const SignalDelay delay;
   removed_at_end_.emplace(temporary_path_);
   try {
     MakeTemporaryFolder();

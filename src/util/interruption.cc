@@ -72,11 +72,12 @@ void Print(const std::string& line) {
   State& state = GetState();
   state.interrupted = true;
   for (const fs::path& path : state.paths) RemoveAtOnce(path);
+  if (!state.silent) Print(line);
+  // Last, and next to the end: threads that still run could make them anew.
   for (const fs::path& path : state.paths) {
     std::error_code ignored;
     fs::remove_all(path, ignored);
   }
-  if (!state.silent) Print(line);
   _exit(exit_code);
 }
 

@@ -58,7 +58,9 @@ class RefinerOneModelTest : public RefinerReferenceTest {
   void ExpectSameAsReference(CommandOptions options = {}) {
     options["input_path"] = Path("model");
     ExpectRefines(options);
-    EXPECT_EQ(Params(), reference_) << testing::PrintToString(options);
+    // COLMAP 4 composes poses of rigs and of cameras in them.
+    EXPECT_LT(MaxRelativeDifference(Params(), reference_), 1e-9)
+        << testing::PrintToString(options);
   }
 
   std::vector<std::string> FrameNames() const {
