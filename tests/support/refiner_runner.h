@@ -158,7 +158,7 @@ class RefinerTest : public testing::Test {
                    const std::vector<std::string>& parts,
                    const CommandOptions& options = {},
                    const std::string& begin = "ERROR") const {
-    const CommandResult result = Refine(options, 20);
+    const CommandResult result = Refine(options);
     EXPECT_EQ(result.exit_code, exit_code) << result.error;
     EXPECT_EQ(result.error.find(begin), 0) << result.error;
     for (const std::string& part : parts) {
