@@ -2,57 +2,17 @@
 
 #include <cstring>
 #include <deque>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include <cuda_runtime.h>
-
+#include "cuda/cuda_calls.h"
+#include "cuda/dense_sift_gpu.h"
+#include "cuda/thread_groups.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
-
-// -----------------------------------------------------------------------------
-// Kernels: groups of threads for the functions of cost_map_kernels.h
-// -----------------------------------------------------------------------------
-
-// Functions of groups are only called on the GPU; they are declared for both
-// since the functions that call them are.
-#if defined(__CUDA_ARCH__)
-#define MFIR_ON_GPU(...) __VA_ARGS__
-#else
-#define MFIR_ON_GPU(...)
-#endif
-
-// A block with one dimension.
-struct BlockGroup {
-  int rank;
-  MFIR_HOST_DEVICE int Rank() const { return rank; }
-  MFIR_HOST_DEVICE static constexpr int Size() { return GpuLaunch::kBlockSize; }
-  MFIR_HOST_DEVICE int Row() const { return rank / GpuLaunch::kNumColumns; }
-  MFIR_HOST_DEVICE static constexpr int NumRows() {
-    return GpuLaunch::kNumRows;
-  }
-  MFIR_HOST_DEVICE int Column() const { return rank % GpuLaunch::kNumColumns; }
-  MFIR_HOST_DEVICE static constexpr int NumColumns() {
-    return GpuLaunch::kNumColumns;
-  }
-  MFIR_HOST_DEVICE void Sync() const { MFIR_ON_GPU(__syncthreads();) }
-};
-
-// A block of one warp.
-struct WarpGroup {
-  int rank;
-  MFIR_HOST_DEVICE int Rank() const { return rank; }
-  MFIR_HOST_DEVICE static constexpr int Size() { return GpuLaunch::kWarpSize; }
-  MFIR_HOST_DEVICE float Sum(float value) const {
-    // Adds in pairs, so that all threads get the same bits.
-    MFIR_ON_GPU(for (int lane = Size() / 2; lane > 0; lane /= 2) {
-      value += __shfl_xor_sync(0xffffffffu, value, lane);
-    })
-    return value;
-  }
-};
 
 __global__ void __launch_bounds__(GpuLaunch::kWarpSize)
     FindReferencesKernel(const uint16_t* features,
@@ -101,164 +61,136 @@ __global__ void __launch_bounds__(GpuLaunch::kBlockSize)
       cost_maps);
 }
 
-// -----------------------------------------------------------------------------
-// CUDA calls, checked
-// -----------------------------------------------------------------------------
-
-void Check(cudaError_t error, const char* what) {
-  if (error == cudaSuccess) return;
-  cudaGetLastError();  // not to be reported again by a later call
-  throw GpuError(std::string(what) + " failed: " + cudaGetErrorString(error));
-}
-
-enum class Memory { kDevice, kPinnedHost };
-
-// An array that only grows.
-template <typename T>
-class Buffer {
- public:
-  explicit Buffer(Memory memory) : memory_(memory) {}
-  Buffer(const Buffer&) = delete;
-  Buffer& operator=(const Buffer&) = delete;
-  ~Buffer() { Free(); }
-
-  void Reserve(size_t size) {
-    if (size <= size_) return;
-    Free();
-    void* data = nullptr;
-    if (memory_ == Memory::kDevice) {
-      Check(cudaMalloc(&data, size * sizeof(T)), "Allocating GPU memory");
-    } else {
-      Check(cudaMallocHost(&data, size * sizeof(T)),
-            "Allocating pinned memory");
-    }
-    data_ = static_cast<T*>(data);
-    size_ = size;
-  }
-
-  T* Data() const { return data_; }
-
- private:
-  void Free() {
-    // Errors here are those of earlier calls, or of the end of the program.
-    if (memory_ == Memory::kDevice) {
-      cudaFree(data_);
-    } else {
-      cudaFreeHost(data_);
-    }
-    data_ = nullptr;
-    size_ = 0;
-  }
-
-  const Memory memory_;
-  T* data_ = nullptr;
-  size_t size_ = 0;
-};
-
-template <typename T>
-void Copy(T* target,
-          const T* source,
-          size_t count,
-          cudaMemcpyKind kind,
-          cudaStream_t stream) {
-  Check(cudaMemcpyAsync(target, source, count * sizeof(T), kind, stream),
-        kind == cudaMemcpyHostToDevice ? "Copying to the GPU"
-                                       : "Copying from the GPU");
-}
-
-class Stream {
- public:
-  Stream() { Check(cudaStreamCreate(&stream_), "Creating a CUDA stream"); }
-  Stream(const Stream&) = delete;
-  Stream& operator=(const Stream&) = delete;
-  ~Stream() {
-    // Nothing may be in flight when the buffers go.
-    cudaStreamSynchronize(stream_);
-    cudaStreamDestroy(stream_);
-  }
-
-  void Wait() const {
-    Check(cudaStreamSynchronize(stream_), "Computing on the GPU");
-  }
-  cudaStream_t Get() const { return stream_; }
-
- private:
-  cudaStream_t stream_;
-};
-
 // A batch of patches on its way: staged in pinned memory, copied, computed and
 // copied back in a stream of its own, while the other is being staged.
 class BatchSlot {
  public:
+  // Patches from the host.
   void Start(const PatchShape& shape,
              float inverse_pixel_size,
              const CostMapJob* jobs,
              int64_t num_jobs,
              int num_threads) {
-    Finish(shape);
-    const size_t count = static_cast<size_t>(num_jobs);
-    const size_t num_channels = static_cast<size_t>(shape.num_channels);
-    const size_t inputs_size = count * (shape.NumElements() + num_channels);
-    const size_t outputs_size = count * shape.NumCostElements();
-    host_inputs_.Reserve(inputs_size);
-    host_outputs_.Reserve(outputs_size);
-    inputs_.Reserve(inputs_size);
-    outputs_.Reserve(outputs_size);
-    uint16_t* host_references =
-        host_inputs_.Data() + count * shape.NumElements();
-    ParallelFor(count, num_threads, [&](size_t i) {
-      std::memcpy(host_inputs_.Data() + i * shape.NumElements(),
+    const size_t size = shape.NumElements();
+    Begin(shape, num_jobs, static_cast<size_t>(num_jobs) * size, num_threads);
+    ParallelFor(outputs_of_jobs_.size(), num_threads, [&](size_t i) {
+      std::memcpy(host_patches_.Data() + i * size,
                   jobs[i].patch,
-                  shape.NumElements() * sizeof(uint16_t));
-      std::memcpy(host_references + i * num_channels,
-                  jobs[i].reference,
-                  num_channels * sizeof(uint16_t));
+                  size * sizeof(uint16_t));
+      StageJob(shape, i, jobs[i].reference, jobs[i].cost_map);
     });
-    jobs_ = jobs;
-    num_jobs_ = num_jobs;
-    Copy(inputs_.Data(),
-         host_inputs_.Data(),
-         inputs_size,
+    Copy(patches_.Data(),
+         host_patches_.Data(),
+         outputs_of_jobs_.size() * size,
+         cudaMemcpyHostToDevice,
+         stream_.Get());
+    ComputeMaps(shape, inverse_pixel_size);
+  }
+
+  // Patches that are computed by `sift`.
+  void Start(const PatchShape& shape,
+             const GpuSift& sift,
+             const SiftMapJob* jobs,
+             int64_t num_jobs,
+             int num_threads) {
+    Begin(shape, num_jobs, 0, num_threads);
+    host_corners_.Reserve(outputs_of_jobs_.size());
+    corners_.Reserve(outputs_of_jobs_.size());
+    for (size_t i = 0; i < outputs_of_jobs_.size(); ++i) {
+      host_corners_.Data()[i] = jobs[i].corner;
+      StageJob(shape, i, jobs[i].reference, jobs[i].cost_map);
+    }
+    Copy(corners_.Data(),
+         host_corners_.Data(),
+         outputs_of_jobs_.size(),
+         cudaMemcpyHostToDevice,
+         stream_.Get());
+    sift.ComputePatches(corners_.Data(),
+                        num_jobs,
+                        shape.patch_size,
+                        patches_.Data(),
+                        stream_.Get());
+    ComputeMaps(shape, 1.0f);
+  }
+
+  // Waits for the batch, if there is one, and hands out its cost maps.
+  void Finish(const PatchShape& shape, int num_threads) {
+    if (outputs_of_jobs_.empty()) return;
+    stream_.Wait();
+    const size_t size = shape.NumCostElements();
+    ParallelFor(outputs_of_jobs_.size(), num_threads, [&](size_t i) {
+      std::memcpy(outputs_of_jobs_[i],
+                  host_outputs_.Data() + i * size,
+                  size * sizeof(uint16_t));
+    });
+    outputs_of_jobs_.clear();
+  }
+
+ private:
+  // Finishes the batch before, and makes room for this one.
+  void Begin(const PatchShape& shape,
+             int64_t num_jobs,
+             size_t host_patches_size,
+             int num_threads) {
+    Finish(shape, num_threads);
+    const size_t count = static_cast<size_t>(num_jobs);
+    const size_t references_size =
+        count * static_cast<size_t>(shape.num_channels);
+    host_patches_.Reserve(host_patches_size);
+    patches_.Reserve(count * shape.NumElements());
+    host_references_.Reserve(references_size);
+    references_.Reserve(references_size);
+    host_outputs_.Reserve(count * shape.NumCostElements());
+    outputs_.Reserve(count * shape.NumCostElements());
+    outputs_of_jobs_.resize(count);
+  }
+
+  void StageJob(const PatchShape& shape,
+                size_t i,
+                const uint16_t* reference,
+                uint16_t* cost_map) {
+    const size_t num_channels = static_cast<size_t>(shape.num_channels);
+    std::memcpy(host_references_.Data() + i * num_channels,
+                reference,
+                num_channels * sizeof(uint16_t));
+    outputs_of_jobs_[i] = cost_map;
+  }
+
+  // After the patches in the stream.
+  void ComputeMaps(const PatchShape& shape, float inverse_pixel_size) {
+    const size_t count = outputs_of_jobs_.size();
+    const int64_t num_jobs = static_cast<int64_t>(count);
+    Copy(references_.Data(),
+         host_references_.Data(),
+         count * static_cast<size_t>(shape.num_channels),
          cudaMemcpyHostToDevice,
          stream_.Get());
     ComputeMapsKernel<<<GpuLaunch::NumBlocks(num_jobs),
                         GpuLaunch::kBlockSize,
                         GpuLaunch::SharedBytes(shape),
-                        stream_.Get()>>>(
-        shape,
-        inverse_pixel_size,
-        inputs_.Data(),
-        inputs_.Data() + count * shape.NumElements(),
-        num_jobs,
-        outputs_.Data());
-    Check(cudaGetLastError(), "Launching the kernel of cost maps");
+                        stream_.Get()>>>(shape,
+                                         inverse_pixel_size,
+                                         patches_.Data(),
+                                         references_.Data(),
+                                         num_jobs,
+                                         outputs_.Data());
+    CheckCuda(cudaGetLastError(), "Launching the kernel of cost maps");
     Copy(host_outputs_.Data(),
          outputs_.Data(),
-         outputs_size,
+         count * shape.NumCostElements(),
          cudaMemcpyDeviceToHost,
          stream_.Get());
   }
 
-  // Waits for the batch, if there is one, and hands out its cost maps.
-  void Finish(const PatchShape& shape) {
-    if (num_jobs_ == 0) return;
-    stream_.Wait();
-    const size_t size = shape.NumCostElements();
-    for (int64_t i = 0; i < num_jobs_; ++i) {
-      std::memcpy(jobs_[i].cost_map,
-                  host_outputs_.Data() + i * size,
-                  size * sizeof(uint16_t));
-    }
-    num_jobs_ = 0;
-  }
-
- private:
-  Buffer<uint16_t> host_inputs_{Memory::kPinnedHost};
+  Buffer<uint16_t> host_patches_{Memory::kPinnedHost};
+  Buffer<SiftCorner> host_corners_{Memory::kPinnedHost};
+  Buffer<uint16_t> host_references_{Memory::kPinnedHost};
   Buffer<uint16_t> host_outputs_{Memory::kPinnedHost};
-  Buffer<uint16_t> inputs_{Memory::kDevice};
+  Buffer<uint16_t> patches_{Memory::kDevice};
+  Buffer<SiftCorner> corners_{Memory::kDevice};
+  Buffer<uint16_t> references_{Memory::kDevice};
   Buffer<uint16_t> outputs_{Memory::kDevice};
-  const CostMapJob* jobs_ = nullptr;
-  int64_t num_jobs_ = 0;
+  std::vector<uint16_t*> outputs_of_jobs_;
   Stream stream_;  // last: waited for before the buffers go
 };
 
@@ -272,7 +204,7 @@ int ChooseGpu(int gpu_index, std::string* name) {
     throw GpuError("there is no GPU, or its driver is older than CUDA " +
                    std::to_string(CUDART_VERSION / 1000));
   }
-  Check(error, "Looking for a GPU");
+  CheckCuda(error, "Looking for a GPU");
   if (gpu_index >= num_gpus) {
     throw GpuError("gpu_index " + std::to_string(gpu_index) + ": there are " +
                    std::to_string(num_gpus) + " GPUs");
@@ -282,7 +214,7 @@ int ChooseGpu(int gpu_index, std::string* name) {
   for (int i = 0; i < num_gpus; ++i) {
     if (gpu_index >= 0 && i != gpu_index) continue;
     cudaDeviceProp properties;
-    Check(cudaGetDeviceProperties(&properties, i), "Querying the GPU");
+    CheckCuda(cudaGetDeviceProperties(&properties, i), "Querying the GPU");
     if (properties.multiProcessorCount <= max_num_multiprocessors) continue;
     max_num_multiprocessors = properties.multiProcessorCount;
     chosen = i;
@@ -298,8 +230,9 @@ class GpuCostMapBackend final : public CostMapBackend {
     // A GPU whose driver or architecture does not fit fails here at the latest.
     UseGpu();
     cudaFuncAttributes attributes;
-    Check(cudaFuncGetAttributes(&attributes, ComputeMapsKernel),
-          "Loading the kernels");
+    CheckCuda(cudaFuncGetAttributes(&attributes, ComputeMapsKernel),
+              "Loading the kernels");
+    sift_.emplace(num_threads);
   }
 
   std::string Name() const override { return name_; }
@@ -343,7 +276,7 @@ class GpuCostMapBackend final : public CostMapBackend {
         loss_scale,
         scratch.Data(),
         gpu_references.Data());
-    Check(cudaGetLastError(), "Launching the kernel of reference features");
+    CheckCuda(cudaGetLastError(), "Launching the kernel of reference features");
     Copy(references.data(),
          gpu_references.Data(),
          references.size(),
@@ -357,22 +290,37 @@ class GpuCostMapBackend final : public CostMapBackend {
                    float inverse_pixel_size,
                    const std::vector<CostMapJob>& jobs) override {
     UseGpu();
+    InBatches(shape, jobs, [&](BatchSlot* slot, size_t begin, int64_t count) {
+      slot->Start(
+          shape, inverse_pixel_size, jobs.data() + begin, count, num_threads_);
+    });
+  }
+
+  bool ComputesSift() const override { return true; }
+  std::unique_ptr<DeviceSift> LoadSift(const SiftImage& image) override;
+
+ private:
+  class LoadedSift;
+
+  // The current GPU is a property of the calling thread.
+  void UseGpu() const {
+    CheckCuda(cudaSetDevice(gpu_index_), "Selecting the GPU");
+  }
+
+  // Calls start(slot, begin, count) for batches of the jobs, and waits for all.
+  template <typename Jobs, typename Function>
+  void InBatches(const PatchShape& shape,
+                 const Jobs& jobs,
+                 const Function& start) {
     Prepare(shape);
     const int64_t num_jobs = static_cast<int64_t>(jobs.size());
     for (int64_t begin = 0; begin < num_jobs; begin += batch_size_) {
-      slots_[begin / batch_size_ % GpuLaunch::kNumStreams].Start(
-          shape,
-          inverse_pixel_size,
-          jobs.data() + begin,
-          std::min(batch_size_, num_jobs - begin),
-          num_threads_);
+      start(&slots_[begin / batch_size_ % GpuLaunch::kNumStreams],
+            static_cast<size_t>(begin),
+            std::min(batch_size_, num_jobs - begin));
     }
-    for (BatchSlot& slot : slots_) slot.Finish(shape);
+    for (BatchSlot& slot : slots_) slot.Finish(shape, num_threads_);
   }
-
- private:
-  // The current GPU is a property of the calling thread.
-  void UseGpu() const { Check(cudaSetDevice(gpu_index_), "Selecting the GPU"); }
 
   // Makes room for batches of this shape, unless that is done.
   void Prepare(const PatchShape& shape) {
@@ -382,13 +330,14 @@ class GpuCostMapBackend final : public CostMapBackend {
     }
     slots_.clear();
     // More than 48 KiB (patches above 23x23) has to be asked for.
-    Check(cudaFuncSetAttribute(ComputeMapsKernel,
-                               cudaFuncAttributeMaxDynamicSharedMemorySize,
-                               static_cast<int>(GpuLaunch::SharedBytes(shape))),
-          "Setting the size of the shared memory");
+    CheckCuda(
+        cudaFuncSetAttribute(ComputeMapsKernel,
+                             cudaFuncAttributeMaxDynamicSharedMemorySize,
+                             static_cast<int>(GpuLaunch::SharedBytes(shape))),
+        "Setting the size of the shared memory");
     size_t free_bytes = 0;
     size_t total_bytes = 0;
-    Check(cudaMemGetInfo(&free_bytes, &total_bytes), "Querying GPU memory");
+    CheckCuda(cudaMemGetInfo(&free_bytes, &total_bytes), "Querying GPU memory");
     batch_size_ =
         GpuLaunch::BatchSize(shape, free_bytes, GpuLaunch::kNumStreams);
     if (batch_size_ == 0) throw GpuError("no GPU memory is free");
@@ -401,8 +350,57 @@ class GpuCostMapBackend final : public CostMapBackend {
   const int num_threads_;
   PatchShape shape_ = {0, 0};
   int64_t batch_size_ = 0;
+  std::optional<GpuSift> sift_;  // of this GPU: made when that is current
   std::deque<BatchSlot> slots_;
 };
+
+// The image is kept, what its descriptors are made of (tens of bytes per pixel)
+// is computed again each time.
+class GpuCostMapBackend::LoadedSift final : public DeviceSift {
+ public:
+  LoadedSift(GpuCostMapBackend* backend, const SiftImage& image)
+      : backend_(backend),
+        layout_(MakeSiftLayout(image.width, image.height, image.bin_size)) {
+    backend_->UseGpu();
+    backend_->sift_->CopyImage(image.grey, &grey_);
+  }
+
+  size_t NumBytes() const override {
+    return static_cast<size_t>(layout_.width) * layout_.height * sizeof(float);
+  }
+
+  void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+                   uint16_t* features) override {
+    backend_->UseGpu();
+    backend_->sift_->ComputeBins(layout_, grey_.Data());
+    backend_->sift_->Interpolate(keypoints, features);
+  }
+
+  void ComputeMaps(int patch_size,
+                   const std::vector<SiftMapJob>& jobs) override {
+    backend_->UseGpu();
+    backend_->sift_->ComputeBins(layout_, grey_.Data());
+    const PatchShape shape = {patch_size, kNumSiftChannels};
+    backend_->InBatches(
+        shape, jobs, [&](BatchSlot* slot, size_t begin, int64_t count) {
+          slot->Start(shape,
+                      *backend_->sift_,
+                      jobs.data() + begin,
+                      count,
+                      backend_->num_threads_);
+        });
+  }
+
+ private:
+  GpuCostMapBackend* backend_;
+  const SiftLayout layout_;
+  Buffer<float> grey_{Memory::kDevice};
+};
+
+std::unique_ptr<DeviceSift> GpuCostMapBackend::LoadSift(
+    const SiftImage& image) {
+  return std::make_unique<LoadedSift>(this, image);
+}
 
 }  // namespace
 
