@@ -277,6 +277,10 @@ TEST(SiftFeatureSource, ImagesThatDoNotFit) {
   const DenseFeaturePatches patches = source.Extract(request);
   EXPECT_EQ(patches.valid, std::vector<bool>({false}));
   EXPECT_TRUE(patches.data.empty());
+  SiftImage sift_image;
+  DenseFeaturePatches places;
+  EXPECT_TRUE(source.ReadSiftImage(request, &sift_image, &places));
+  EXPECT_EQ(places.valid, std::vector<bool>({false}));
 }
 
 }  // namespace
