@@ -6,13 +6,35 @@
 #include <string>
 #include <vector>
 
+#include <cuda_runtime.h>
+
 #include "cuda/cuda_calls.h"
 #include "cuda/dense_sift_gpu.h"
-#include "cuda/thread_groups.h"
+#include "cuda/warp_group.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
+
+// -----------------------------------------------------------------------------
+// Kernels: groups of threads for the functions of cost_map_kernels.h
+// -----------------------------------------------------------------------------
+
+// A block with one dimension.
+struct BlockGroup {
+  int rank;
+  MFIR_HOST_DEVICE int Rank() const { return rank; }
+  MFIR_HOST_DEVICE static constexpr int Size() { return GpuLaunch::kBlockSize; }
+  MFIR_HOST_DEVICE int Row() const { return rank / GpuLaunch::kNumColumns; }
+  MFIR_HOST_DEVICE static constexpr int NumRows() {
+    return GpuLaunch::kNumRows;
+  }
+  MFIR_HOST_DEVICE int Column() const { return rank % GpuLaunch::kNumColumns; }
+  MFIR_HOST_DEVICE static constexpr int NumColumns() {
+    return GpuLaunch::kNumColumns;
+  }
+  MFIR_HOST_DEVICE void Sync() const { MFIR_ON_GPU(__syncthreads();) }
+};
 
 __global__ void __launch_bounds__(GpuLaunch::kWarpSize)
     FindReferencesKernel(const uint16_t* features,
@@ -60,6 +82,10 @@ __global__ void __launch_bounds__(GpuLaunch::kBlockSize)
           DifferencesSize(shape, GpuLaunch::kChunk, GpuLaunch::kPitch)),
       cost_maps);
 }
+
+// -----------------------------------------------------------------------------
+// Launches
+// -----------------------------------------------------------------------------
 
 // A batch of patches on its way: staged in pinned memory, copied, computed and
 // copied back in a stream of its own, while the other is being staged.
@@ -174,7 +200,7 @@ class BatchSlot {
                                          references_.Data(),
                                          num_jobs,
                                          outputs_.Data());
-    CheckCuda(cudaGetLastError(), "Launching the kernel of cost maps");
+    Check(cudaGetLastError(), "Launching the kernel of cost maps");
     Copy(host_outputs_.Data(),
          outputs_.Data(),
          count * shape.NumCostElements(),
@@ -194,35 +220,6 @@ class BatchSlot {
   Stream stream_;  // last: waited for before the buffers go
 };
 
-// Index of the GPU to use, and its name.
-int ChooseGpu(int gpu_index, std::string* name) {
-  int num_gpus = 0;
-  const cudaError_t error = cudaGetDeviceCount(&num_gpus);
-  if (error == cudaErrorInsufficientDriver || error == cudaErrorNoDevice ||
-      (error == cudaSuccess && num_gpus == 0)) {
-    cudaGetLastError();
-    throw GpuError("there is no GPU, or its driver is older than CUDA " +
-                   std::to_string(CUDART_VERSION / 1000));
-  }
-  CheckCuda(error, "Looking for a GPU");
-  if (gpu_index >= num_gpus) {
-    throw GpuError("gpu_index " + std::to_string(gpu_index) + ": there are " +
-                   std::to_string(num_gpus) + " GPUs");
-  }
-  int max_num_multiprocessors = 0;
-  int chosen = gpu_index;
-  for (int i = 0; i < num_gpus; ++i) {
-    if (gpu_index >= 0 && i != gpu_index) continue;
-    cudaDeviceProp properties;
-    CheckCuda(cudaGetDeviceProperties(&properties, i), "Querying the GPU");
-    if (properties.multiProcessorCount <= max_num_multiprocessors) continue;
-    max_num_multiprocessors = properties.multiProcessorCount;
-    chosen = i;
-    *name = "GPU " + std::to_string(i) + " (" + properties.name + ")";
-  }
-  return chosen;
-}
-
 class GpuCostMapBackend final : public CostMapBackend {
  public:
   GpuCostMapBackend(int gpu_index, int num_threads)
@@ -230,8 +227,8 @@ class GpuCostMapBackend final : public CostMapBackend {
     // A GPU whose driver or architecture does not fit fails here at the latest.
     UseGpu();
     cudaFuncAttributes attributes;
-    CheckCuda(cudaFuncGetAttributes(&attributes, ComputeMapsKernel),
-              "Loading the kernels");
+    Check(cudaFuncGetAttributes(&attributes, ComputeMapsKernel),
+          "Loading the kernels");
     sift_.emplace(num_threads);
   }
 
@@ -276,7 +273,7 @@ class GpuCostMapBackend final : public CostMapBackend {
         loss_scale,
         scratch.Data(),
         gpu_references.Data());
-    CheckCuda(cudaGetLastError(), "Launching the kernel of reference features");
+    Check(cudaGetLastError(), "Launching the kernel of reference features");
     Copy(references.data(),
          gpu_references.Data(),
          references.size(),
@@ -303,9 +300,7 @@ class GpuCostMapBackend final : public CostMapBackend {
   class LoadedSift;
 
   // The current GPU is a property of the calling thread.
-  void UseGpu() const {
-    CheckCuda(cudaSetDevice(gpu_index_), "Selecting the GPU");
-  }
+  void UseGpu() const { Check(cudaSetDevice(gpu_index_), "Selecting the GPU"); }
 
   // Calls start(slot, begin, count) for batches of the jobs, and waits for all.
   template <typename Jobs, typename Function>
@@ -330,14 +325,13 @@ class GpuCostMapBackend final : public CostMapBackend {
     }
     slots_.clear();
     // More than 48 KiB (patches above 23x23) has to be asked for.
-    CheckCuda(
-        cudaFuncSetAttribute(ComputeMapsKernel,
-                             cudaFuncAttributeMaxDynamicSharedMemorySize,
-                             static_cast<int>(GpuLaunch::SharedBytes(shape))),
-        "Setting the size of the shared memory");
+    Check(cudaFuncSetAttribute(ComputeMapsKernel,
+                               cudaFuncAttributeMaxDynamicSharedMemorySize,
+                               static_cast<int>(GpuLaunch::SharedBytes(shape))),
+          "Setting the size of the shared memory");
     size_t free_bytes = 0;
     size_t total_bytes = 0;
-    CheckCuda(cudaMemGetInfo(&free_bytes, &total_bytes), "Querying GPU memory");
+    Check(cudaMemGetInfo(&free_bytes, &total_bytes), "Querying GPU memory");
     batch_size_ =
         GpuLaunch::BatchSize(shape, free_bytes, GpuLaunch::kNumStreams);
     if (batch_size_ == 0) throw GpuError("no GPU memory is free");

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "cuda/warp_group.h"
 #include "src/dense/cost_map_backend.h"
 
 namespace mfir {
@@ -29,7 +30,7 @@ struct GpuLaunch {
   // different banks of the shared memory.
   static constexpr int kPitch = kChunk + 1;
   // Reference features: a warp per track.
-  static constexpr int kWarpSize = 32;
+  static constexpr int kWarpSize = WarpGroup::Size();
   // A block takes every kMaxNumBlocks-th patch or track, so that there is no
   // limit on their number; enough blocks for any GPU.
   static constexpr int kMaxNumBlocks = 8192;

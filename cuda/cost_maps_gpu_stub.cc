@@ -2,6 +2,8 @@
 
 #include "cuda/cost_maps_gpu.h"
 
+#include "src/util/gpu_choice.h"
+
 namespace mfir {
 
 std::unique_ptr<CostMapBackend> CreateGpuCostMapBackend(int, int) {

@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <cstring>
 
-#include "cuda/thread_groups.h"
+#include "cuda/cost_maps_gpu.h"
+#include "cuda/warp_group.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
 
-constexpr int kWarpsPerBlock = GpuLaunch::kBlockSize / GpuLaunch::kWarpSize;
+constexpr int kWarpsPerBlock = GpuLaunch::kBlockSize / WarpGroup::Size();
 
 __device__ int64_t ThreadInGrid() {
   return static_cast<int64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
@@ -20,11 +21,11 @@ __device__ int64_t NumThreadsInGrid() {
 }
 
 __device__ WarpGroup WarpOfThread() {
-  return {static_cast<int>(threadIdx.x) % GpuLaunch::kWarpSize};
+  return {static_cast<int>(threadIdx.x) % WarpGroup::Size()};
 }
 
 __device__ int WarpInBlock() {
-  return static_cast<int>(threadIdx.x) / GpuLaunch::kWarpSize;
+  return static_cast<int>(threadIdx.x) / WarpGroup::Size();
 }
 
 __global__ void __launch_bounds__(GpuLaunch::kBlockSize)
@@ -134,7 +135,7 @@ void GpuSift::ComputeBins(const SiftLayout& layout, const float* gpu_grey) {
                   stream_.Get()>>>(layout, gradients_.Data(), row_sums_.Data());
   BinsKernel<<<NumBlocks(num_bins, kBlockSize), kBlockSize, 0, stream_.Get()>>>(
       layout, row_sums_.Data(), bins_.Data());
-  CheckCuda(cudaGetLastError(), "Launching the kernels of dense SIFT");
+  Check(cudaGetLastError(), "Launching the kernels of dense SIFT");
   bins_done_.Record(stream_.Get());
 }
 
@@ -155,7 +156,7 @@ void GpuSift::Interpolate(const std::vector<SiftKeypoint>& keypoints,
                       0,
                       stream_.Get()>>>(
       layout_, bins_.Data(), keypoints_.Data(), count, features_.Data());
-  CheckCuda(cudaGetLastError(), "Launching the kernel of dense SIFT features");
+  Check(cudaGetLastError(), "Launching the kernel of dense SIFT features");
   Copy(features,
        features_.Data(),
        num_values,
@@ -179,7 +180,7 @@ void GpuSift::ComputePatches(const SiftCorner* corners,
                             num_patches,
                             PatchShape{patch_size, kNumSiftChannels},
                             patches);
-  CheckCuda(cudaGetLastError(), "Launching the kernel of dense SIFT patches");
+  Check(cudaGetLastError(), "Launching the kernel of dense SIFT patches");
 }
 
 }  // namespace mfir

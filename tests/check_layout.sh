@@ -50,7 +50,7 @@ check_include() {
     return
   fi
   # The launchers and the maths that they launch know each other.
-  [[ $from != cuda || $path != src/dense/* ]] || return 0
+  [[ $from != cuda || ($path != src/dense/* && $path != src/patches/*) ]] || return 0
   find_room "$path"
   if [[ -z ${rank[$room]-} ]] || ((rank[$room] > rank[$from])); then
     fail "$file:$line: $from may not include $path: it points up"

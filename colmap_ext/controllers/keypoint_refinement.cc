@@ -8,7 +8,9 @@
 #include "colmap_ext/host/image_file.h"
 #include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/host/util.h"
+#include "cuda/patch_alignment_gpu.h"
 #include "src/patches/track_refinement.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -271,17 +273,31 @@ KeypointRefinement RefineKeypoints(const MultiFrameOptions& options,
   track_options.complete_tracks = options.complete_tracks == 1;
   track_options.num_threads = options.EffectiveNumThreads();
   const ImageFolder folder(image_path);
+  GpuChoice<PatchBackend> gpu(
+      options.use_gpu, "Keypoints are refined on the CPU", [&] {
+        return CreateGpuPatchBackend(options.gpu_index);
+      });
+  if (gpu.Get() != nullptr) {
+    log("Keypoints are refined on " + gpu.Get()->Name());
+  }
   KeypointRefinement result;
   result.statistics.num_refined_by_camera.assign(scene.cameras.size(), 0);
   result.statistics.num_after_by_camera.assign(scene.cameras.size(), 0);
   for (size_t f = 0; f < scene.frames.size(); ++f) {
     const Frame& frame = scene.frames[f];
     const FrameEstimate& frame_estimate = estimate.frames[f];
-    const TrackRefinement refinement = RefinePatchTracks(
-        track_options,
-        MakeCameras(options, frame, estimate.cameras, frame_estimate),
-        ReadImages(options, folder, scene, frame),
-        MakeTracks(frame, frame_estimate));
+    const std::vector<PatchCamera> cameras =
+        MakeCameras(options, frame, estimate.cameras, frame_estimate);
+    const std::vector<SplineImage> images =
+        ReadImages(options, folder, scene, frame);
+    const std::vector<PatchTrack> tracks = MakeTracks(frame, frame_estimate);
+    TrackRefinement refinement;
+    gpu.Call([&](PatchBackend* backend) {
+      refinement =
+          RefinePatchTracks(track_options, cameras, images, tracks, backend);
+    });
+    const std::string fallback = gpu.TakeFallback();
+    if (!fallback.empty()) log(fallback);
     log(Describe(frame, refinement));
     result.frames.push_back(
         refinement.unchanged ? frame : MakeFrame(frame, refinement));

@@ -193,10 +193,12 @@ void CheckOptions(const RefinerOptions& options) {
                    options.extrinsics_pixel_offset);
   const MultiFrameOptions& multi_frame = options.multi_frame;
   if (multi_frame.dense_features == "none" &&
+      multi_frame.refine_keypoints != 1 && multi_frame.complete_tracks != 1 &&
       (multi_frame.use_gpu == 1 || multi_frame.gpu_index >= 0)) {
     throw UsageError(
         "--MultiFrame.use_gpu 1 and --MultiFrame.gpu_index are for dense "
-        "features: give --image_path or leave them at -1.");
+        "features and refined keypoints: give --image_path or leave them at "
+        "-1.");
   }
   if (options.image_path.empty() &&
       (multi_frame.refine_keypoints == 1 || multi_frame.complete_tracks == 1)) {

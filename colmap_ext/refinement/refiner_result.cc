@@ -53,8 +53,9 @@ void MeasureDrifts(const Capture& capture,
       rig[i] = capture.cameras[i].params;
     }
   }
-  result->drifts = FindDrifts(cameras, start);
-  result->drifts_from_rig = FindDrifts(cameras, rig);
+  const std::vector<size_t> num_observations = NumObservationsByCamera(scene);
+  result->drifts = FindDrifts(cameras, num_observations, start);
+  result->drifts_from_rig = FindDrifts(cameras, num_observations, rig);
 }
 
 void WarnOfContradictions(const Contradictions& contradictions) {

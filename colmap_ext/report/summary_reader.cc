@@ -64,6 +64,7 @@ ReportCamera ReadCamera(const Json& json) {
   camera.param_names = CameraParamNames(*camera.model);
   camera.width = json.at("width").get<size_t>();
   camera.height = json.at("height").get<size_t>();
+  camera.num_observations = json.at("num_observations").get<size_t>();
   camera.params = Numbers(json.at("params"));
   camera.params_std = Numbers(json.at("params_std"));
   for (const auto* values : {&camera.params, &camera.params_std}) {
@@ -98,6 +99,7 @@ bool HasFlag(const ReportCamera& camera, const std::string& flag) {
 // As the refiner compares: cameras that could change, of the same model.
 void MeasureDrifts(const Report& report, Comparison* comparison) {
   std::vector<RigCamera> cameras;
+  std::vector<size_t> num_observations;
   DriftReference reference;
   for (size_t i = 0; i < report.cameras.size(); ++i) {
     const ReportCamera& camera = report.cameras[i];
@@ -107,6 +109,7 @@ void MeasureDrifts(const Report& report, Comparison* comparison) {
                        camera.width,
                        camera.height,
                        camera.params});
+    num_observations.push_back(camera.num_observations);
     const bool could_change =
         !HasFlag(camera, "constant") && !HasFlag(camera, "no_observations");
     const CameraValues& before = comparison->cameras[i];
@@ -114,7 +117,7 @@ void MeasureDrifts(const Report& report, Comparison* comparison) {
                             ? before.params
                             : std::vector<double>());
   }
-  comparison->drifts = FindDrifts(cameras, reference);
+  comparison->drifts = FindDrifts(cameras, num_observations, reference);
 }
 
 }  // namespace

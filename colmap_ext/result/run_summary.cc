@@ -8,6 +8,7 @@
 
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/models/camera_models.h"
+#include "src/scene/residual_statistics.h"
 #include "src/util/cpu_time.h"
 
 namespace mfir {
@@ -262,12 +263,10 @@ Totals AddUp(const Tracks& tracks) {
   const Scene& scene = tracks.scene;
   Totals totals;
   totals.num_frames.assign(scene.cameras.size(), 0);
-  totals.num_observations.assign(scene.cameras.size(), 0);
   for (const Frame& frame : scene.frames) {
     std::vector<bool> seen(frame.images.size(), false);
     for (const Observation& observation : frame.observations) {
       seen[observation.image_idx] = true;
-      ++totals.num_observations[frame.images[observation.image_idx].camera_idx];
     }
     for (size_t i = 0; i < frame.images.size(); ++i) {
       totals.num_frames[frame.images[i].camera_idx] += seen[i];
@@ -275,7 +274,7 @@ Totals AddUp(const Tracks& tracks) {
   }
   const Communicator& ranks = *scene.ranks;
   totals.num_frames = Sum(ranks, totals.num_frames);
-  totals.num_observations = Sum(ranks, totals.num_observations);
+  totals.num_observations = NumObservationsByCamera(scene);
   totals.peak_rss_bytes = Concatenate(ranks, std::vector<size_t>{PeakRss()});
   for (const std::string& frame : Concatenate(ranks, DescribeFrames(tracks))) {
     totals.frames.push_back(Json::parse(frame));

@@ -1,11 +1,14 @@
 #include "colmap_ext/rig_formats/json_file.h"
 
 #include <cmath>
+#include <set>
 
 #include "src/util/errors.h"
 
 namespace mfir {
 namespace {
+
+using Event = nlohmann::json::parse_event_t;
 
 void AppendNumbers(const JsonValue& value,
                    const nlohmann::json& json,
@@ -118,8 +121,20 @@ void JsonValue::Fail(const std::string& what) const {
 }
 
 nlohmann::json ParseJson(const std::string& path, const std::string& text) {
+  // The parser takes the last of two: a camera would be lost in silence.
+  std::vector<std::set<std::string>> keys;
+  const auto check_keys = [&](int, Event event, const nlohmann::json& value) {
+    if (event == Event::object_start) keys.emplace_back();
+    if (event == Event::object_end) keys.pop_back();
+    if (event == Event::key && !keys.back().insert(value).second) {
+      throw InputError(path + ": the key '" + value.get<std::string>() +
+                       "' stands twice in one object. Remove one, or give it "
+                       "a name of its own.");
+    }
+    return true;
+  };
   try {
-    return nlohmann::json::parse(text);
+    return nlohmann::json::parse(text, check_keys);
   } catch (const nlohmann::json::exception& error) {
     // "[json.exception.parse_error.101] parse error at line 1, column 2: ..."
     const std::string what = error.what();

@@ -57,7 +57,8 @@ class JsonValue {
   std::string field_;
 };
 
-// Throws InputError, naming line and column, for text that is no JSON.
+// Throws InputError, naming line and column, for text that is no JSON, and for
+// a key that stands twice in one object.
 nlohmann::json ParseJson(const std::string& path, const std::string& text);
 
 }  // namespace mfir

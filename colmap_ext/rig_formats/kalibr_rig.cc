@@ -1,4 +1,5 @@
 #include <cmath>
+#include <set>
 
 #include <yaml-cpp/yaml.h>
 
@@ -10,6 +11,8 @@
 
 namespace mfir {
 namespace {
+
+std::string Key(size_t idx) { return "cam" + std::to_string(idx); }
 
 class KalibrFile {
  public:
@@ -28,8 +31,29 @@ class KalibrFile {
     }
   }
 
-  bool Has(const std::string& camera) const {
-    return root_[camera].IsDefined();
+  // Of cam0, cam1, ... Throws where one stands twice or is missing: the others
+  // would be lost in silence.
+  size_t NumCameras() const {
+    std::set<std::string> keys;
+    for (const auto& entry : root_) {
+      const std::string key = entry.first.as<std::string>("");
+      if (key.rfind("cam", 0) != 0 || key.size() == 3 ||
+          key.find_first_not_of("0123456789", 3) != std::string::npos) {
+        continue;
+      }
+      if (!keys.insert(key).second) {
+        throw InputError(Where(key) +
+                         " stands twice. Number the cameras, from cam0 on.");
+      }
+    }
+    for (size_t i = 0; i < keys.size(); ++i) {
+      if (keys.count(Key(i)) == 0) {
+        throw InputError(Where(Key(i)) +
+                         " is missing, but others are there. Number the "
+                         "cameras, from cam0 on.");
+      }
+    }
+    return keys.size();
   }
 
   bool Has(const std::string& camera, const std::string& key) const {
@@ -104,8 +128,6 @@ class KalibrFile {
   const std::string path_;
   YAML::Node root_;
 };
-
-std::string Key(size_t idx) { return "cam" + std::to_string(idx); }
 
 // x_cn = T_cn_cnm1 x_cn-1. The first camera is the world.
 void ReadPose(const KalibrFile& file,
@@ -250,7 +272,8 @@ Cameras ReadKalibrRig(const std::string& path,
                       RigRemarks* /*remarks*/) {
   const KalibrFile file(path);
   Cameras cameras;
-  for (size_t i = 0; file.Has(Key(i)); ++i) {
+  const size_t num_cameras = file.NumCameras();
+  for (size_t i = 0; i < num_cameras; ++i) {
     KnownCamera camera;
     ReadPose(file, Key(i), i > 0 ? &cameras.back() : nullptr, &camera);
     ReadIntrinsics(file, Key(i), pixel_offset, &camera);

@@ -4,7 +4,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -51,10 +50,5 @@ class CostMapBackend {
 };
 
 std::unique_ptr<CostMapBackend> CreateCpuCostMapBackend(int num_threads);
-
-// No GPU that could be used, or a CUDA call that failed.
-struct GpuError : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
 
 }  // namespace mfir

@@ -8,6 +8,7 @@
 
 #include "src/dense/cost_map_backend.h"
 #include "src/util/errors.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
@@ -104,48 +105,28 @@ bool AnyValid(const DenseFeaturePatches& patches) {
 class Backend {
  public:
   Backend(const CostMapOptions& options,
-          const GpuBackendFactory& make_gpu_backend)
-      : options_(options) {
-    if (options.use_gpu != 0) {
-      try {
-        backend_ = make_gpu_backend(options.gpu_index, options.num_threads);
-        return;
-      } catch (const GpuError& error) {
-        FallBack(error);
-      }
-    } else {
-      backend_ = CreateCpuCostMapBackend(options_.num_threads);
-    }
-  }
+          const GpuCostMapBackendFactory& make_gpu_backend)
+      : cpu_(CreateCpuCostMapBackend(options.num_threads)),
+        gpu_(options.use_gpu, "Cost maps are computed on the CPU", [&] {
+          return make_gpu_backend(options.gpu_index, options.num_threads);
+        }) {}
 
-  std::string Name() const { return backend_->Name(); }
-  std::string TakeFallback() { return std::exchange(fallback_, ""); }
+  std::string Name() const { return Choose(gpu_.Get())->Name(); }
+  std::string TakeFallback() { return gpu_.TakeFallback(); }
 
   // Calls function(backend), again on the CPU if a GPU fails.
   template <typename Function>
   void Call(const Function& function) {
-    try {
-      function(backend_.get());
-    } catch (const GpuError& error) {
-      FallBack(error);
-      function(backend_.get());
-    }
+    gpu_.Call([&](CostMapBackend* gpu) { function(Choose(gpu)); });
   }
 
  private:
-  void FallBack(const GpuError& error) {
-    if (options_.use_gpu == 1) {
-      throw UsageError(std::string("use_gpu=1: ") + error.what() +
-                       "; use_gpu=-1 takes the CPU then");
-    }
-    fallback_ =
-        std::string("Cost maps are computed on the CPU: ") + error.what();
-    backend_ = CreateCpuCostMapBackend(options_.num_threads);
+  CostMapBackend* Choose(CostMapBackend* gpu) const {
+    return gpu != nullptr ? gpu : cpu_.get();
   }
 
-  const CostMapOptions options_;
-  std::unique_ptr<CostMapBackend> backend_;
-  std::string fallback_;
+  const std::unique_ptr<CostMapBackend> cpu_;
+  GpuChoice<CostMapBackend> gpu_;
 };
 
 // The cost maps of one frame.
@@ -467,7 +448,7 @@ Scene ComputeCostMaps(const CostMapOptions& options,
                       DenseFeatureSource* source,
                       const CostMapCallback& callback,
                       Scene scene,
-                      const GpuBackendFactory& make_gpu_backend) {
+                      const GpuCostMapBackendFactory& make_gpu_backend) {
   Backend backend(options, make_gpu_backend);
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     FrameCostMaps frame_cost_maps(

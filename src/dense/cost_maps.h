@@ -46,7 +46,7 @@ struct CostMapSummary {
 using CostMapCallback =
     std::function<void(size_t frame_idx, const CostMapSummary& summary)>;
 
-using GpuBackendFactory = std::function<std::unique_ptr<CostMapBackend>(
+using GpuCostMapBackendFactory = std::function<std::unique_ptr<CostMapBackend>(
     int gpu_index, int num_threads)>;
 
 // The scene with the cost maps of all frames: for every track the reference
@@ -68,6 +68,6 @@ Scene ComputeCostMaps(
     DenseFeatureSource* source,
     const CostMapCallback& callback,
     Scene scene,
-    const GpuBackendFactory& make_gpu_backend = CreateGpuCostMapBackend);
+    const GpuCostMapBackendFactory& make_gpu_backend = CreateGpuCostMapBackend);
 
 }  // namespace mfir

@@ -29,6 +29,7 @@ constexpr double kMaxDamping = 1e12;
 constexpr double kCostResolution = 1e-11;
 // How often such a step may be no shorter than the shortest before.
 constexpr int kMaxNumLongerSteps = 50;
+constexpr int kNumCostIterations = 50;
 // Points whose minima are about to vanish: far from the solution a quadratic
 // model of them tells nothing, and they get the curvature without the second
 // derivative of the loss where they have less than this share of it. Near it,
@@ -86,6 +87,7 @@ class Solver {
   // helps.
   void Iterate(double* cost, FixedExtrinsicsSummary* summary);
   void SetCameras();
+  bool IsSlow(int num_iterations, double cost);
   double MaxFocalChange(const Eigen::VectorXd& step) const;
   bool IsBelowFloor(const Eigen::VectorXd& step) const;
   Eigen::MatrixXd Covariance();
@@ -101,6 +103,10 @@ class Solver {
   // deviations. free_directions_ is empty if none is held.
   Eigen::MatrixXd held_directions_;
   Eigen::MatrixXd free_directions_;
+  // Where IsSlow has last compared costs.
+  double earlier_cost_ = std::numeric_limits<double>::infinity();
+  int earlier_iteration_ = 0;
+  bool is_slow_ = false;
 };
 
 Solver::Solver(const FixedExtrinsicsOptions& options,
@@ -279,6 +285,18 @@ void Solver::SetCameras() {
   }
 }
 
+// Whether the last kNumCostIterations have changed next to nothing.
+bool Solver::IsSlow(int num_iterations, double cost) {
+  if (options_.cost_tolerance == 0.0 ||
+      num_iterations < earlier_iteration_ + kNumCostIterations) {
+    return false;
+  }
+  const bool is_slow = cost >= earlier_cost_ * (1.0 - options_.cost_tolerance);
+  earlier_cost_ = cost;
+  earlier_iteration_ = num_iterations;
+  return is_slow;
+}
+
 double Solver::MaxFocalChange(const Eigen::VectorXd& step) const {
   double max_change = 0.0;
   for (Eigen::Index i = 0; i < params_.Size(); ++i) {
@@ -350,6 +368,9 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
   int num_longer_steps = 0;
   while (!summary->converged &&
          summary->num_iterations < options_.max_num_iterations) {
+    is_slow_ = IsSlow(summary->num_iterations, *cost);
+    summary->converged = is_slow_;
+    if (is_slow_) return;
     ++summary->num_iterations;
     const bool is_near =
         summary->last_step_stds > 0.0 && summary->last_step_stds < kNearStds;
@@ -426,7 +447,7 @@ FixedExtrinsicsSummary Solver::Solve() {
   do {
     summary.converged = params_.Size() == 0;
     Iterate(&cost, &summary);
-    if (!ImprovePoints(&cost)) break;
+    if (!ImprovePoints(&cost) || is_slow_) break;
     summary.converged = false;
   } while (summary.num_iterations < options_.max_num_iterations);
   SetCameras();

@@ -70,6 +70,9 @@ struct FixedExtrinsicsOptions {
   // no principal point by more than this times the focal length, and no
   // distortion by more than that at the image corner.
   double parameter_tolerance = 1e-10;
+  // ... or when 50 iterations together have lowered the cost by no more than
+  // this share: for a solve that others follow. 0: not for that.
+  double cost_tolerance = 0.0;
 
   // Whether to compute the covariance at the solution.
   bool compute_covariance = false;

@@ -13,6 +13,11 @@
 namespace mfir {
 namespace {
 
+// A point whose minimum vanishes moves to another one, which costs more. Where
+// the cameras then go back to where it vanishes, the solve would go round in
+// circles.
+constexpr int kMaxNumRescues = 3;
+
 constexpr size_t kTracksPerChunk = 256;
 constexpr size_t kMaxChunkBytes = size_t{512} << 20;
 
@@ -53,6 +58,7 @@ PointElimination::PointElimination(const FixedExtrinsicsOptions& options,
       params_.by_camera);
   PartitionTracks();
   left_out_.assign(tracks_.size(), 0);
+  num_rescues_.assign(tracks_.size(), 0);
   point_steps_.resize(tracks_.size());
   AllocateBackBlocks();
 }
@@ -442,13 +448,15 @@ bool PointElimination::ImprovePoints(const States& states, double* cost) {
                         const Track& track = tracks_[i];
                         TrackSolver::Minimum minimum =
                             track_solver_->Minimize(track, states, track.xyz);
+                        const bool had_none = LeavesOut(minimum);
                         if (options_.improve_points) {
                           const double cost_before = minimum.cost;
                           minimum = track_solver_->FindLowestMinimum(
                               track, states, minimum, track.xyz);
                           num_changed[chunk] += minimum.cost != cost_before;
                         }
-                        if (LeavesOut(minimum)) {
+                        if (LeavesOut(minimum) ||
+                            (had_none && ++num_rescues_[i] > kMaxNumRescues)) {
                           left_out_[i] = 1;
                           ++num_changed[chunk];
                         } else {

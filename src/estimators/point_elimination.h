@@ -64,8 +64,8 @@ class PointElimination {
   void SetPoints(const Points& points);
 
   // Moves points to their lowest minima, where they have several, and leaves
-  // out, for good, tracks that have none: whether anything changed, and then
-  // the cost.
+  // out, for good, tracks that have none, or lose theirs again and again:
+  // whether anything changed, and then the cost.
   bool ImprovePoints(const States& states, double* cost);
 
   // The part of features and cost maps.
@@ -139,6 +139,9 @@ class PointElimination {
   // cameras. Such points run into a camera centre, or have no two observations
   // that fit, and tell nothing. (Not bool: threads write to it.)
   std::vector<char> left_out_;
+  // By track: how often it has lost its minimum and got another, which costs
+  // more.
+  std::vector<char> num_rescues_;
   size_t chunk_size_ = 0;
   ReducedParams params_;
   std::optional<TrackSolver> track_solver_;

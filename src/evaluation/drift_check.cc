@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "src/scene/residual_statistics.h"
 #include "src/util/median.h"
 
 namespace mfir {
@@ -63,8 +64,29 @@ std::vector<double> Others(
   return values;
 }
 
-void Subtract(double number, std::vector<double>* values) {
-  for (double& value : *values) value -= number;
+// w in the header, by camera.
+std::vector<double> ErrorsOfFew(const std::vector<size_t>& num_observations) {
+  std::vector<double> numbers;
+  for (const size_t number : num_observations) {
+    if (number > 0) numbers.push_back(static_cast<double>(number));
+  }
+  const double median = numbers.empty() ? 1.0 : Median(std::move(numbers));
+  std::vector<double> errors;
+  for (const size_t number : num_observations) {
+    const double count = static_cast<double>(std::max<size_t>(1, number));
+    errors.push_back(std::sqrt(std::max(1.0, median / count)));
+  }
+  return errors;
+}
+
+// (value - center) / error.
+std::vector<double> Normalized(std::vector<double> values,
+                               double center,
+                               const std::vector<double>& errors) {
+  for (size_t i = 0; i < values.size(); ++i) {
+    values[i] = (values[i] - center) / errors[i];
+  }
+  return values;
 }
 
 double Focal(const CameraDrift& drift) { return drift.focal_permille; }
@@ -92,29 +114,35 @@ CameraDrift MeasureDrift(const RigCamera& camera,
 }
 
 void CompareWithOthers(const std::vector<std::optional<CameraDrift>>& drifts,
+                       const std::vector<double>& errors,
                        size_t idx,
                        CameraDrift* drift) {
-  std::vector<double> focal = Others(drifts, idx, Focal);
+  std::vector<double> others_errors;
+  for (size_t i = 0; i < drifts.size(); ++i) {
+    if (i != idx && drifts[i]) others_errors.push_back(errors[i]);
+  }
+  const std::vector<double> focal = Others(drifts, idx, Focal);
   if (focal.size() < kMinNumOthers) return;
   const double num_others = static_cast<double>(focal.size());
   drift->others_focal_permille = MedianSize(focal);
   const double focal_median = Median(focal);
-  Subtract(focal_median, &focal);
+  const double focal_std =
+      TrimmedStd(Normalized(focal, focal_median, others_errors));
   drift->focal_stds = std::abs(drift->focal_permille - focal_median) /
-                      std::hypot(TrimmedStd(focal), kFocalFloorPermille);
+                      std::hypot(errors[idx] * focal_std, kFocalFloorPermille);
 
-  std::vector<double> x = Others(drifts, idx, PrincipalPointX);
-  std::vector<double> y = Others(drifts, idx, PrincipalPointY);
+  const std::vector<double> x = Others(drifts, idx, PrincipalPointX);
+  const std::vector<double> y = Others(drifts, idx, PrincipalPointY);
   const Eigen::Vector2d median(Median(x), Median(y));
   std::vector<double> both = x;
   both.insert(both.end(), y.begin(), y.end());
   drift->others_principal_point = MedianSize(both);
-  Subtract(median.x(), &x);
-  Subtract(median.y(), &y);
-  x.insert(x.end(), y.begin(), y.end());
+  both = Normalized(x, median.x(), others_errors);
+  const std::vector<double> both_y = Normalized(y, median.y(), others_errors);
+  both.insert(both.end(), both_y.begin(), both_y.end());
   drift->principal_point_stds =
       (drift->principal_point - median).cwiseAbs().maxCoeff() /
-      std::hypot(TrimmedStd(x), kPrincipalPointFloorPx);
+      std::hypot(errors[idx] * TrimmedStd(both), kPrincipalPointFloorPx);
   drift->is_unusual =
       drift->focal_stds > kMaxStds + kMaxFocalStdsOfFew / num_others ||
       drift->principal_point_stds >
@@ -164,7 +192,10 @@ Eigen::Vector3d MedianVector(const std::vector<Eigen::Vector3d>& vectors) {
 }  // namespace
 
 std::vector<std::optional<CameraDrift>> FindDrifts(
-    const std::vector<RigCamera>& cameras, const DriftReference& reference) {
+    const std::vector<RigCamera>& cameras,
+    const std::vector<size_t>& num_observations,
+    const DriftReference& reference) {
+  const std::vector<double> errors = ErrorsOfFew(num_observations);
   std::vector<std::optional<CameraDrift>> drifts(cameras.size());
   for (size_t i = 0; i < cameras.size(); ++i) {
     const bool has_reference =
@@ -174,7 +205,7 @@ std::vector<std::optional<CameraDrift>> FindDrifts(
   }
   std::vector<std::optional<CameraDrift>> compared = drifts;
   for (size_t i = 0; i < cameras.size(); ++i) {
-    if (compared[i]) CompareWithOthers(drifts, i, &*compared[i]);
+    if (compared[i]) CompareWithOthers(drifts, errors, i, &*compared[i]);
   }
   return compared;
 }
@@ -183,6 +214,8 @@ std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                                                     const Estimate& estimate) {
   const std::vector<std::vector<Eigen::Vector3d>> rotations =
       RotationVectors(scene, estimate);
+  const std::vector<double> errors =
+      ErrorsOfFew(NumObservationsByCamera(scene));
   std::vector<PoseDisagreement> disagreements(scene.cameras.size());
   for (size_t i = 0; i < rotations.size(); ++i) {
     if (rotations[i].empty()) continue;
@@ -205,9 +238,10 @@ std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
     }
     if (rotations[i].empty() || others.size() < kMinNumOthers) continue;
     camera.others_deg = Median(others);
-    const double min_angle = std::max({kMinAngleDeg,
-                                       kMinScatterRatio * camera.scatter_deg,
-                                       kMinOthersRatio * camera.others_deg});
+    const double min_angle =
+        std::max({kMinAngleDeg,
+                  kMinScatterRatio * camera.scatter_deg,
+                  kMinOthersRatio * errors[i] * camera.others_deg});
     const auto num_disagreeing =
         std::count_if(rotations[i].begin(),
                       rotations[i].end(),

@@ -32,18 +32,22 @@ using DriftReference = std::vector<std::vector<double>>;
 // Change of the intrinsics since `reference` (by camera), relative to those of
 // the other cameras, in robust standard deviations:
 //
-//   z_i = |d_i - m_i| / sqrt(s_i^2 + floor^2),
+//   z_i = |d_i - m_i| / sqrt(w_i^2 s_i^2 + floor^2),
 //
-// with m_i the median of the other cameras' changes d and s_i their standard
-// deviation about it without the largest tenth of them (at least one: another
-// camera may be wrong, too), made consistent for normal drift. The floors are
+// with m_i the median of the other cameras' changes d and s_i the standard
+// deviation of their (d - m_i) / w without the largest tenth of them (at least
+// one: another camera may be wrong, too), made consistent for normal drift. A
+// camera with fewer observations n than the median camera has errors that are
+// larger by w = sqrt(median / n), at its start and in the end. The floors are
 // 0.5 permille and 0.25 px. Principal points: both axes have the same s_i, z is
 // that of the larger one. A drift is unusual above 5 + 45 / (number of other
 // cameras) for focal lengths and 5 + 15 / (number) for principal points: few
 // cameras tell little about what is usual. nullopt for cameras without
 // reference or model; with less than four others nothing is compared.
 std::vector<std::optional<CameraDrift>> FindDrifts(
-    const std::vector<RigCamera>& cameras, const DriftReference& reference);
+    const std::vector<RigCamera>& cameras,
+    const std::vector<size_t>& num_observations,
+    const DriftReference& reference);
 
 // Rotation of a camera in the frames against RIG.
 struct PoseDisagreement {
@@ -55,8 +59,9 @@ struct PoseDisagreement {
 
 // Compares the poses of the aligned frames' images, as `estimate` has them,
 // with those of the scene's cameras. A camera is moved if its angle is above
-// 0.05 degrees, 4 times its scatter and 5 times the angle of the other cameras,
-// in most of the frames that it is in. Frames whose poses are RIG's own tell
+// 0.05 degrees, 4 times its scatter and 5 times the angle of the other cameras
+// (w as above times that, for a camera with few observations), in most of the
+// frames that it is in. Frames whose poses are RIG's own tell
 // nothing.
 std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                                                     const Estimate& estimate);

@@ -1,5 +1,6 @@
 // Small image patches that are found again in another view: the same functions
-// are called on the CPU (patch_alignment.cc) and can be by CUDA kernels.
+// are called on the CPU (patch_alignment.cc) and by the CUDA kernel
+// (cuda/patch_alignment_gpu.cu).
 //
 // The reference patch R is sampled on a disc of offsets u (pixels of the
 // reference image) around its keypoint, the other image T at the positions
@@ -21,6 +22,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 
 #include "src/util/thread_group.h"
 
@@ -54,6 +56,20 @@ struct PatchDisc {
   float u[kPatchStride];
   float v[kPatchStride];
 };
+
+inline PatchDisc MakePatchDisc() {
+  PatchDisc disc = {};
+  int i = 0;
+  for (int v = -kPatchRadius; v <= kPatchRadius; ++v) {
+    for (int u = -kPatchRadius; u <= kPatchRadius; ++u) {
+      if (u * u + v * v > kPatchRadius * kPatchRadius) continue;
+      disc.u[i] = static_cast<float>(u);
+      disc.v[i] = static_cast<float>(v);
+      ++i;
+    }
+  }
+  return disc;
+}
 
 // Coefficients of a cubic B-spline, rows of `width`.
 struct SplineView {
@@ -470,6 +486,21 @@ MFIR_HOST_DEVICE void AssessFit(const Group& group,
   fit->zncc = PatchZncc(group, patch, samples);
 }
 
+// Fit of the patch that the warp shows; it has to be inside. `samples`
+// (kPatchStride) is shared by the group.
+template <typename Group>
+MFIR_HOST_DEVICE void FitPatch(const Group& group,
+                               const PatchDisc& disc,
+                               const PatchTemplate& patch,
+                               const SplineView& image,
+                               const PatchWarp& warp,
+                               float* samples,
+                               PatchFit* fit) {
+  SamplePatch(group, disc, image, warp, samples);
+  FitCoefficients(group, patch, samples, fit->coefficients);
+  AssessFit(group, patch, samples, fit);
+}
+
 // The best shift of the reference patch at a warp, with gain and offset.
 struct PatchShift {
   float u, v;        // pixels of the reference image
@@ -656,6 +687,102 @@ MFIR_HOST_DEVICE float SearchPatch(const Group& group,
         warp->affine[2 * row] * u + warp->affine[2 * row + 1] * v;
   }
   return scores[best];
+}
+
+// -----------------------------------------------------------------------------
+// Many patches
+// -----------------------------------------------------------------------------
+
+// Where a reference patch is looked for, as indices of lists of both.
+struct PatchJob {
+  int template_idx;
+  int image_idx;
+  PatchWarp warp;
+};
+
+// Where AlignPatch and SearchPatch move the centre of a job's warp, and what
+// they return.
+struct AlignedPatch {
+  PatchAlignment alignment;
+  double center[2];
+};
+struct FoundPatch {
+  float zncc;
+  double center[2];
+};
+
+// Floats that the threads of a group share.
+constexpr int kPatchScratchSize = kPatchWindowSize + kNumPatchShifts;
+static_assert(kPatchScratchSize >= kPatchStride, "samples of a patch fit");
+
+// One job, of the kind that its result says. A fit without gain: outside.
+template <typename Group>
+MFIR_HOST_DEVICE void RunPatchJob(const Group& group,
+                                  const PatchDisc& disc,
+                                  const PatchTemplate& patch,
+                                  const SplineView& image,
+                                  const PatchWarp& warp,
+                                  float* scratch,
+                                  PatchFit* fit) {
+  *fit = {};
+  if (!IsPatchInside(image, warp, kPatchRadius)) return;
+  FitPatch(group, disc, patch, image, warp, scratch, fit);
+}
+
+template <typename Group>
+MFIR_HOST_DEVICE void RunPatchJob(const Group& group,
+                                  const PatchDisc& disc,
+                                  const PatchTemplate& patch,
+                                  const SplineView& image,
+                                  PatchWarp warp,
+                                  float* scratch,
+                                  AlignedPatch* aligned) {
+  aligned->alignment = AlignPatch(group, disc, patch, image, scratch, &warp);
+  aligned->center[0] = warp.center[0];
+  aligned->center[1] = warp.center[1];
+}
+
+template <typename Group>
+MFIR_HOST_DEVICE void RunPatchJob(const Group& group,
+                                  const PatchDisc& disc,
+                                  const PatchTemplate& patch,
+                                  const SplineView& image,
+                                  PatchWarp warp,
+                                  float* scratch,
+                                  FoundPatch* found) {
+  found->zncc = SearchPatch(
+      group, disc, patch, image, scratch, scratch + kPatchWindowSize, &warp);
+  found->center[0] = warp.center[0];
+  found->center[1] = warp.center[1];
+}
+
+// Group `first` of `stride` groups works on every stride-th job, so that a grid
+// of any size covers any number of jobs.
+template <typename Group, typename Result>
+MFIR_HOST_DEVICE void RunPatchJobs(const Group& group,
+                                   int64_t first,
+                                   int64_t stride,
+                                   const PatchDisc& disc,
+                                   const PatchTemplate* templates,
+                                   const SplineView* images,
+                                   const PatchJob* jobs,
+                                   int64_t num_jobs,
+                                   float* scratch,
+                                   Result* results) {
+  for (int64_t i = first; i < num_jobs; i += stride) {
+    const PatchJob& job = jobs[i];
+    Result result;
+    RunPatchJob(group,
+                disc,
+                templates[job.template_idx],
+                images[job.image_idx],
+                job.warp,
+                scratch,
+                &result);
+    // Nobody overwrites what others still read.
+    group.Sync();
+    if (group.Rank() == 0) results[i] = result;
+  }
 }
 
 }  // namespace mfir

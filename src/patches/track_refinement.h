@@ -11,6 +11,7 @@
 #include <Eigen/Core>
 
 #include "src/patches/patch_alignment.h"
+#include "src/patches/patch_backend.h"
 #include "src/patches/patch_warp.h"
 
 namespace mfir {
@@ -114,10 +115,12 @@ struct TrackRefinement {
 
 // The tracks of one frame. images[i]: what cameras[i] saw; where it is empty,
 // the camera's observations stay as they are and none is added. The result does
-// not depend on the number of threads.
+// not depend on the number of threads. `gpu`: where patches are aligned; null:
+// on the CPU. Throws GpuError if it fails.
 TrackRefinement RefinePatchTracks(const TrackRefinementOptions& options,
                                   const std::vector<PatchCamera>& cameras,
                                   const std::vector<SplineImage>& images,
-                                  const std::vector<PatchTrack>& tracks);
+                                  const std::vector<PatchTrack>& tracks,
+                                  PatchBackend* gpu = nullptr);
 
 }  // namespace mfir

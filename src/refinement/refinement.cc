@@ -24,6 +24,7 @@ constexpr int kMaxNumStartSolves = 50;
 // Standard deviations: what follows are a scale, in steps of 2 %, and a better
 // loss.
 constexpr double kStartStepTolerance = 0.03;
+constexpr double kStartCostTolerance = 1e-3;
 constexpr double kStepTolerance = 1e-4;
 // Cauchy scale in units of the noise: 95 % efficient for Gaussian noise.
 constexpr double kCauchyScaleInStds = 2.385;
@@ -200,7 +201,9 @@ class Refiner {
     solver_options.max_num_iterations = options_.max_num_iterations;
     solver_options.step_tolerance = step_tolerance;
     solver_options.parameter_tolerance = parameter_tolerance;
-    if (name == "final") {
+    if (name != "final") {
+      solver_options.cost_tolerance = kStartCostTolerance;
+    } else {
       solver_options.compute_covariance = true;
       solver_options.repeated_tracks =
           FindOverRanks(scene_, [this](const Scene& all) {

@@ -63,6 +63,7 @@ struct ReportCamera {
   std::vector<std::string> param_names;  // as COLMAP's
   size_t width = 0;
   size_t height = 0;
+  size_t num_observations = 0;
   std::vector<double> params;
   std::vector<double> params_std;  // NaN: undetermined
   Eigen::MatrixXd covariance;      // of the parameters; NaN: undetermined

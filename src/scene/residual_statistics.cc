@@ -54,4 +54,14 @@ std::vector<double> RmsByCamera(const Scene& scene,
   return sums;
 }
 
+std::vector<size_t> NumObservationsByCamera(const Scene& scene) {
+  std::vector<size_t> numbers(scene.cameras.size(), 0);
+  for (const Frame& frame : scene.frames) {
+    for (const Observation& observation : frame.observations) {
+      ++numbers[frame.images[observation.image_idx].camera_idx];
+    }
+  }
+  return Sum(*scene.ranks, numbers);
+}
+
 }  // namespace mfir

@@ -1,4 +1,4 @@
-// What is reported of residuals, those of all ranks.
+// What is reported of observations and their residuals, those of all ranks.
 
 #pragma once
 
@@ -25,5 +25,8 @@ double InlierRms(const std::vector<double>& squared_residuals,
 std::vector<double> RmsByCamera(const Scene& scene,
                                 const std::vector<double>& squared_residuals,
                                 const std::vector<bool>& selected);
+
+// Observations of each camera.
+std::vector<size_t> NumObservationsByCamera(const Scene& scene);
 
 }  // namespace mfir

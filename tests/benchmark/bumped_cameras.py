@@ -104,7 +104,9 @@ def healthy(args):
     alarms = []
     for seed in range(args.healthy):
         rng = random.Random(f"healthy {seed}")
-        options = {"num_cameras": rng.randint(6, 38), "num_frames": rng.randint(1, 4),
+        # Large arrays have more cameras to be wrong about, and more that see little.
+        num_cameras = rng.randint(6, 38) if seed % 5 else rng.randint(39, 160)
+        options = {"num_cameras": num_cameras, "num_frames": rng.randint(1, 4),
                    "num_points": rng.randint(150, 600), "noise": rng.uniform(0.2, 1.0),
                    "outlier_share": rng.uniform(0.02, 0.3), "seed": seed,
                    "initial_focal_length_sigma": rng.uniform(0.002, 0.03),

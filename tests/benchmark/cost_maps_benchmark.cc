@@ -9,6 +9,7 @@
 
 #include "cuda/cost_maps_gpu.h"
 #include "src/dense/cost_map_backend.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/random.h"
 
 namespace mfir {

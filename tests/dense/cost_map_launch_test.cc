@@ -7,8 +7,9 @@
 #include <gtest/gtest.h>
 
 #include "cuda/cost_maps_gpu.h"
+#include "src/util/gpu_choice.h"
 #include "tests/support/test_features.h"
-#include "tests/support/thread_blocks.h"
+#include "tests/support/thread_block.h"
 
 namespace mfir {
 namespace {

@@ -8,9 +8,10 @@
 #include <gtest/gtest.h>
 
 #include "cuda/cost_maps_gpu.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/random.h"
 #include "tests/support/serial_sift.h"
-#include "tests/support/thread_blocks.h"
+#include "tests/support/thread_block.h"
 
 namespace mfir {
 namespace {

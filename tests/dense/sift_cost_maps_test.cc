@@ -5,6 +5,7 @@
 
 #include "src/dense/cost_maps.h"
 #include "src/util/errors.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/random.h"
 #include "tests/support/serial_sift.h"
 

@@ -22,6 +22,11 @@ DriftReference Params(const std::vector<RigCamera>& cameras) {
   return reference;
 }
 
+std::vector<std::optional<CameraDrift>> Find(
+    const std::vector<RigCamera>& cameras, const DriftReference& before) {
+  return FindDrifts(cameras, std::vector<size_t>(cameras.size(), 100), before);
+}
+
 TEST(FindDrifts, MeasuresChangesAgainstTheOthers) {
   std::vector<RigCamera> cameras = MakeCameras(8);
   const DriftReference before = Params(cameras);
@@ -31,7 +36,7 @@ TEST(FindDrifts, MeasuresChangesAgainstTheOthers) {
   }
   cameras[3].params[1] += 40.0;  // mean of 10 and 50 - 10 = 40 permille
   cameras[5].params[3] -= 8.0;
-  const auto drifts = FindDrifts(cameras, before);
+  const auto drifts = Find(cameras, before);
   for (size_t i = 0; i < 8; ++i) {
     ASSERT_TRUE(drifts[i].has_value());
     EXPECT_EQ(drifts[i]->is_unusual, i == 3 || i == 5) << i;
@@ -61,10 +66,10 @@ TEST(FindDrifts, HealthyArraysAreNotUnusual) {
       camera.params[2] += random.Normal(3.0, 5.0);
       camera.params[3] += random.Normal(-4.0, 5.0);
     }
-    for (const auto& drift : FindDrifts(cameras, before)) {
+    for (const auto& drift : Find(cameras, before)) {
       num_unusual += drift->is_unusual;
     }
-    sum += std::pow(FindDrifts(cameras, before)[0]->principal_point_stds, 2);
+    sum += std::pow(Find(cameras, before)[0]->principal_point_stds, 2);
   }
   EXPECT_LE(num_unusual, 1);
   // The larger of two normal numbers has the mean square 1 + 2 / pi = 1.64; a
@@ -78,13 +83,42 @@ TEST(FindDrifts, CamerasWithoutReferenceDoNotCount) {
   before[2].clear();
   cameras[2].params[2] += 50.0;
   cameras[4].params[2] += 50.0;
-  const auto drifts = FindDrifts(cameras, before);
+  const auto drifts = Find(cameras, before);
   EXPECT_FALSE(drifts[2].has_value());
   EXPECT_TRUE(drifts[4]->is_unusual);
   // Of three others nothing is known.
   before[0].clear();
   before[1].clear();
-  EXPECT_FALSE(FindDrifts(cameras, before)[4]->is_unusual);
+  EXPECT_FALSE(Find(cameras, before)[4]->is_unusual);
+}
+
+// A camera that few points show has larger errors, at its start and later: 9
+// times fewer observations, 3 times the error.
+TEST(FindDrifts, FewObservationsExcuseLargeChanges) {
+  Random random({6});
+  std::vector<RigCamera> cameras = MakeCameras(30);
+  const DriftReference before = Params(cameras);
+  std::vector<size_t> num_observations(cameras.size(), 900);
+  for (RigCamera& camera : cameras) {
+    camera.params[2] += random.Normal(0.0, 5.0);
+    camera.params[3] += random.Normal(0.0, 5.0);
+  }
+  cameras[7].params[2] = before[7][2] + 40.0;
+  const auto with_many = FindDrifts(cameras, num_observations, before);
+  EXPECT_TRUE(with_many[7]->is_unusual);
+  num_observations[7] = 100;
+  const auto with_few = FindDrifts(cameras, num_observations, before);
+  EXPECT_FALSE(with_few[7]->is_unusual);
+  EXPECT_NEAR(with_few[7]->principal_point_stds,
+              with_many[7]->principal_point_stds / 3.0,
+              0.01);
+  // Nor do they hide that another camera has changed.
+  cameras[8].params[2] = before[8][2] + 40.0;
+  EXPECT_TRUE(FindDrifts(cameras, num_observations, before)[8]->is_unusual);
+  // More than the median camera is no reason to expect less change.
+  num_observations[7] = 90000;
+  EXPECT_EQ(FindDrifts(cameras, num_observations, before)[7]->focal_stds,
+            with_many[7]->focal_stds);
 }
 
 // Images of all frames at the known poses, each turned by noise.
@@ -141,6 +175,26 @@ TEST(FindPoseDisagreements, ScatterIsNoMovement) {
     EXPECT_EQ(camera.angle_deg, 0.0);
     EXPECT_FALSE(camera.is_moved);
   }
+}
+
+// The others are turned by 0.2 degrees (a RIG that is not exact), this camera
+// by 2: too much, unless it has a hundredth of their observations.
+TEST(FindPoseDisagreements, FewObservationsExcuseLargeAngles) {
+  SceneEstimate scene = PoseScene(0.01, 5);
+  for (size_t i = 0; i < scene.scene.cameras.size(); ++i) {
+    TurnInRig(i, i == 2 ? 2.0 : 0.2, &scene);
+  }
+  EXPECT_TRUE(Find(scene)[2].is_moved);
+  for (Frame& frame : scene.scene.frames) {
+    size_t num_kept = 0;
+    std::vector<Observation> kept;
+    for (const Observation& observation : frame.observations) {
+      const bool is_of_2 = frame.images[observation.image_idx].camera_idx == 2;
+      if (!is_of_2 || num_kept++ % 100 == 0) kept.push_back(observation);
+    }
+    frame.observations = kept;
+  }
+  EXPECT_FALSE(Find(scene)[2].is_moved);
 }
 
 // In one frame of four.

@@ -132,6 +132,29 @@ TEST_F(RefinerOptionsTest, KeypointsAreRefinedWhereThereAreImages) {
   EXPECT_EQ(Summary()["options"]["MultiFrame.complete_tracks"], 0);
 }
 
+TEST_F(RefinerOptionsTest, KeypointsAreRefinedWhereTheUserSays) {
+  fs::create_directories(Path("no_images"));
+  const auto refine = [&](const std::string& use_gpu) {
+    return Refine({{"image_path", Path("no_images")},
+                   {"MultiFrame.dense_features", "none"},
+                   {"MultiFrame.use_gpu", use_gpu}});
+  };
+  const std::string line = "Keypoints are refined on ";
+  const CommandResult any = refine("-1");
+  EXPECT_EQ(any.exit_code, kExitSuccess) << any.error;
+  EXPECT_NE(any.output.find(line), std::string::npos) << any.output;
+  const CommandResult cpu = refine("0");
+  EXPECT_EQ(cpu.exit_code, kExitSuccess) << cpu.error;
+  EXPECT_EQ(cpu.output.find(line), std::string::npos) << cpu.output;
+  const CommandResult gpu = refine("1");
+  if (any.output.find(line + "the CPU") == std::string::npos) {
+    EXPECT_EQ(gpu.exit_code, kExitSuccess) << gpu.error;
+  } else {
+    EXPECT_EQ(gpu.exit_code, kExitUsage);
+    EXPECT_NE(gpu.error.find("use_gpu=1: "), std::string::npos) << gpu.error;
+  }
+}
+
 TEST_F(RefinerOptionsTest, AllOptionsLandInSummaryAndProjectFile) {
   ExpectRefines({{"MultiFrame.num_threads", "1"}});
   const nlohmann::json options = Summary()["options"];

@@ -144,7 +144,7 @@ TEST(PatchWarp, RefusesPointsBehindACamera) {
   EXPECT_FALSE(MakePatchMap(patch, opposite, -1.0, &map));
 }
 
-TEST(EstimateSlope, FindsTheTiltOfAPlaneAlsoFromWrongKeypoints) {
+TEST(EstimateSlopes, FindsTheTiltOfAPlaneAlsoFromWrongKeypoints) {
   const CameraModel* model = FindCameraModel("OPENCV");
   std::vector<PatchCamera> cameras;
   for (const double azimuth : {0.0, -0.35, 0.3, 0.15}) {
@@ -172,12 +172,16 @@ TEST(EstimateSlope, FindsTheTiltOfAPlaneAlsoFromWrongKeypoints) {
     const Eigen::Vector3d point = plane.Intersect(cameras[0], keypoint);
     const double depth = (cameras[0].cam_from_world * point).z();
     ReferencePatch reference;
-    PatchTemplate patch;
+    std::vector<PatchTemplate> patches(1);
     ASSERT_TRUE(MakeReferencePatch(cameras[0], keypoint, &reference));
-    ASSERT_TRUE(MakePatchTemplate(images[0], keypoint, &patch));
-    std::vector<SlopeView> views(3);
+    ASSERT_TRUE(MakePatchTemplate(images[0], keypoint, &patches[0]));
+    std::vector<SlopeProblem> problems(1);
+    problems[0].reference = &reference;
+    problems[0].patch = &patches[0];
+    std::vector<SlopeView>& views = problems[0].views;
+    views.resize(3);
     for (size_t i = 0; i < 3; ++i) {
-      views[i].image = &images[i + 1];
+      views[i].image_idx = i + 1;
       ASSERT_TRUE(
           MakePatchMap(reference, cameras[i + 1], depth, &views[i].map));
       views[i].xy = ProjectInto(cameras[i + 1], point) +
@@ -188,9 +192,12 @@ TEST(EstimateSlope, FindsTheTiltOfAPlaneAlsoFromWrongKeypoints) {
     const Eigen::Vector2d expected = reference.ray_jacobian.transpose() *
                                      normal.head<2>() /
                                      normal.dot(reference.Ray());
-    const Eigen::Vector2d slope = EstimateSlope(reference, patch, views);
+    CpuPatchBackend backend;
+    backend.SetImages(images);
+    backend.SetTemplates(patches);
+    EstimateSlopes(1, &backend, &problems);
     // In tangents of the tilt.
-    EXPECT_LT((slope - expected).norm() * 1000.0, 0.06) << tilt;
+    EXPECT_LT((problems[0].slope - expected).norm() * 1000.0, 0.06) << tilt;
   }
 }
 

@@ -3,15 +3,19 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "colmap_ext/models/camera_models.h"
+#include "cuda/patch_alignment_gpu.h"
 #include "src/simulation/image_renderer.h"
 #include "src/simulation/synthetic_surface.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/random.h"
 #include "tests/support/patch_images.h"
 #include "tests/support/test_scenes.h"
@@ -190,6 +194,20 @@ TEST(RefinePatchTracks, CountsEveryObservationOnce) {
   }
 }
 
+void ExpectSame(const TrackRefinement& one, const TrackRefinement& other) {
+  EXPECT_EQ(one.num_observations, other.num_observations);
+  ASSERT_EQ(one.tracks.size(), other.tracks.size());
+  for (size_t i = 0; i < one.tracks.size(); ++i) {
+    ASSERT_EQ(one.tracks[i].observations.size(),
+              other.tracks[i].observations.size());
+    EXPECT_EQ(one.tracks[i].xyz, other.tracks[i].xyz);
+    for (size_t k = 0; k < one.tracks[i].observations.size(); ++k) {
+      EXPECT_EQ(one.tracks[i].observations[k].xy,
+                other.tracks[i].observations[k].xy);
+    }
+  }
+}
+
 TEST(RefinePatchTracks, ThreadsDoNotMatter) {
   const Head& head = SharedHead();
   TrackRefinementOptions options;
@@ -199,16 +217,121 @@ TEST(RefinePatchTracks, ThreadsDoNotMatter) {
   options.num_threads = 3;
   const TrackRefinement three =
       RefinePatchTracks(options, head.cameras, head.images, head.tracks);
-  ASSERT_EQ(one.tracks.size(), three.tracks.size());
-  for (size_t i = 0; i < one.tracks.size(); ++i) {
-    ASSERT_EQ(one.tracks[i].observations.size(),
-              three.tracks[i].observations.size());
-    EXPECT_EQ(one.tracks[i].xyz, three.tracks[i].xyz);
-    for (size_t k = 0; k < one.tracks[i].observations.size(); ++k) {
-      EXPECT_EQ(one.tracks[i].observations[k].xy,
-                three.tracks[i].observations[k].xy);
+  ExpectSame(one, three);
+}
+
+// Some whose first reference, or all, are at the border; some with an
+// observation more in a camera that has one.
+std::vector<PatchTrack> DamagedTracks(std::vector<PatchTrack> tracks) {
+  for (size_t i = 0; i < tracks.size(); ++i) {
+    std::vector<PatchObservation>& observations = tracks[i].observations;
+    if (i % 3 == 0) observations.push_back({0, {50.0, 50.0}});
+    if (i % 4 == 0) observations[1].xy.x() = 3.0;
+    if (i % 8 == 0) observations[0].xy.x() = observations[2].xy.x() = 3.0;
+    if (i % 5 == 0) observations[2].xy.y() += 2.0;
+  }
+  return tracks;
+}
+
+// As they are on a GPU, beside one at a time.
+TEST(RefinePatchTracks, AllTracksTogetherGiveTheSame) {
+  const Head& head = SharedHead();
+  const std::vector<PatchTrack> tracks = DamagedTracks(head.tracks);
+  for (const bool refine_keypoints : {true, false}) {
+    TrackRefinementOptions options;
+    options.refine_keypoints = refine_keypoints;
+    options.num_threads = 2;
+    CpuPatchBackend together;
+    const TrackRefinement one =
+        RefinePatchTracks(options, head.cameras, head.images, tracks);
+    const TrackRefinement all = RefinePatchTracks(
+        options, head.cameras, head.images, tracks, &together);
+    EXPECT_GT(one.num_refined_tracks, kNumTracks / 2);
+    EXPECT_LT(one.num_refined_tracks, kNumTracks);
+    ExpectSame(one, all);
+  }
+}
+
+// Fails late, with a part of the work done.
+class BrokenGpu final : public PatchBackend {
+ public:
+  explicit BrokenGpu(int* num_calls) : num_calls_(num_calls) {}
+  std::string Name() const override { return "broken"; }
+  void SetImages(const std::vector<SplineImage>& images) override {
+    cpu_.SetImages(images);
+  }
+  void SetTemplates(const std::vector<PatchTemplate>& templates) override {
+    cpu_.SetTemplates(templates);
+  }
+  void Fit(const std::vector<PatchJob>& jobs,
+           std::vector<PatchFit>* results) override {
+    cpu_.Fit(jobs, results);
+  }
+  void Align(const std::vector<PatchJob>& jobs,
+             std::vector<AlignedPatch>* results) override {
+    cpu_.Align(jobs, results);
+  }
+  void Search(const std::vector<PatchJob>&, std::vector<FoundPatch>*) override {
+    ++*num_calls_;
+    throw GpuError("it broke");
+  }
+
+ private:
+  int* num_calls_;
+  CpuPatchBackend cpu_;
+};
+
+TEST(RefinePatchTracks, WhereAGpuFailsTheCpuRepeatsTheFrame) {
+  const Head& head = SharedHead();
+  int num_calls = 0;
+  GpuChoice<PatchBackend> gpu(-1, "Keypoints are refined on the CPU", [&] {
+    return std::make_unique<BrokenGpu>(&num_calls);
+  });
+  TrackRefinement refinement;
+  gpu.Call([&](PatchBackend* backend) {
+    refinement =
+        RefinePatchTracks({}, head.cameras, head.images, head.tracks, backend);
+  });
+  EXPECT_EQ(num_calls, 1);
+  EXPECT_EQ(gpu.TakeFallback(), "Keypoints are refined on the CPU: it broke");
+  ExpectSame(refinement,
+             RefinePatchTracks({}, head.cameras, head.images, head.tracks));
+}
+
+// The twin of the GPU, where there is one.
+TEST(RefinePatchTracks, OnAGpuAsOnTheCpu) {
+  std::unique_ptr<PatchBackend> gpu;
+  try {
+    gpu = CreateGpuPatchBackend(-1);
+  } catch (const GpuError& error) {
+    GTEST_SKIP() << "no GPU: " << error.what();
+  }
+  const Head& head = SharedHead();
+  const TrackRefinement expected =
+      RefinePatchTracks({}, head.cameras, head.images, head.tracks);
+  const TrackRefinement refinement =
+      RefinePatchTracks({}, head.cameras, head.images, head.tracks, gpu.get());
+  const auto positions = [](const TrackRefinement& result) {
+    std::map<std::pair<size_t, size_t>, Eigen::Vector2d> map;
+    for (const RefinedTrack& track : result.tracks) {
+      for (const RefinedObservation& observation : track.observations) {
+        map[{track.source_idx, observation.camera_idx}] = observation.xy;
+      }
+    }
+    return map;
+  };
+  const auto expected_positions = positions(expected);
+  std::vector<double> distances;
+  for (const auto& [key, xy] : positions(refinement)) {
+    const auto it = expected_positions.find(key);
+    if (it != expected_positions.end()) {
+      distances.push_back((it->second - xy).norm());
     }
   }
+  // All but a few at the limits.
+  EXPECT_GT(distances.size(), expected_positions.size() * 98 / 100);
+  EXPECT_LT(Quantile(distances, 0.5), 1e-4);
+  EXPECT_LT(Quantile(distances, 0.98), 2e-3);
 }
 
 TEST(RefinePatchTracks, EachOptionDoesItsPart) {

@@ -18,14 +18,14 @@ Frame EmptyFrame() {
 }
 
 // A track in the images [begin, end), `x` px from the left in each.
-void AddTrack(size_t begin, size_t end, double x, Frame* frame) {
+void AddTrackAt(size_t begin, size_t end, double x, Frame* frame) {
   for (size_t i = begin; i < end; ++i) {
     frame->observations.push_back({i, {x, 200.0}});
   }
   frame->track_begins.push_back(frame->observations.size());
 }
 
-std::vector<std::vector<std::pair<size_t, size_t>>> Pairs(
+std::vector<std::vector<std::pair<size_t, size_t>>> AsPairs(
     const std::vector<Group>& groups) {
   std::vector<std::vector<std::pair<size_t, size_t>>> pairs;
   for (const Group& group : groups) {
@@ -42,42 +42,42 @@ using Expected = std::vector<std::vector<std::pair<size_t, size_t>>>;
 TEST(GroupOverlappingTracks, JoinsNeighboursWithoutChains) {
   Scene scene;
   scene.frames = {EmptyFrame(), EmptyFrame()};
-  AddTrack(0, 3, 100.0, &scene.frames[0]);
-  AddTrack(0, 3, 109.0, &scene.frames[0]);  // near the first
-  AddTrack(0, 3, 118.0, &scene.frames[0]);  // near the second only
-  AddTrack(0, 3, 127.5, &scene.frames[0]);  // near the third, which leads
-  AddTrack(0, 3, 300.0, &scene.frames[0]);  // alone
-  AddTrack(0, 3, 100.0, &scene.frames[1]);  // of another frame
-  EXPECT_EQ(Pairs(GroupOverlappingTracks(scene, {})),
+  AddTrackAt(0, 3, 100.0, &scene.frames[0]);
+  AddTrackAt(0, 3, 109.0, &scene.frames[0]);  // near the first
+  AddTrackAt(0, 3, 118.0, &scene.frames[0]);  // near the second only
+  AddTrackAt(0, 3, 127.5, &scene.frames[0]);  // near the third, which leads
+  AddTrackAt(0, 3, 300.0, &scene.frames[0]);  // alone
+  AddTrackAt(0, 3, 100.0, &scene.frames[1]);  // of another frame
+  EXPECT_EQ(AsPairs(GroupOverlappingTracks(scene, {})),
             (Expected{{{0, 0}, {0, 1}}, {{0, 2}, {0, 3}}}));
 }
 
 TEST(GroupOverlappingTracks, AsksForMostOfTheSharedCameras) {
   Scene scene;
   scene.frames = {EmptyFrame()};
-  AddTrack(0, 5, 100.0, &scene.frames[0]);
-  AddTrack(4, 5, 100.0, &scene.frames[0]);  // one camera only
+  AddTrackAt(0, 5, 100.0, &scene.frames[0]);
+  AddTrackAt(4, 5, 100.0, &scene.frames[0]);  // one camera only
   // Near in two of four, and in three of four.
-  AddTrack(0, 2, 105.0, &scene.frames[0]);
+  AddTrackAt(0, 2, 105.0, &scene.frames[0]);
   scene.frames[0].track_begins.pop_back();
-  AddTrack(2, 4, 150.0, &scene.frames[0]);
-  AddTrack(0, 3, 95.0, &scene.frames[0]);
+  AddTrackAt(2, 4, 150.0, &scene.frames[0]);
+  AddTrackAt(0, 3, 95.0, &scene.frames[0]);
   scene.frames[0].track_begins.pop_back();
-  AddTrack(3, 4, 150.0, &scene.frames[0]);
-  EXPECT_EQ(Pairs(GroupOverlappingTracks(scene, {})),
+  AddTrackAt(3, 4, 150.0, &scene.frames[0]);
+  EXPECT_EQ(AsPairs(GroupOverlappingTracks(scene, {})),
             (Expected{{{0, 0}, {0, 3}}}));
 }
 
 TEST(GroupOverlappingTracks, StaticPointsStayTogether) {
   Scene scene;
   scene.frames = {EmptyFrame(), EmptyFrame()};
-  AddTrack(0, 3, 100.0, &scene.frames[0]);
-  AddTrack(0, 3, 108.0, &scene.frames[0]);
-  AddTrack(0, 3, 108.2, &scene.frames[1]);
-  AddTrack(0, 3, 400.0, &scene.frames[0]);
-  AddTrack(0, 3, 400.1, &scene.frames[1]);
+  AddTrackAt(0, 3, 100.0, &scene.frames[0]);
+  AddTrackAt(0, 3, 108.0, &scene.frames[0]);
+  AddTrackAt(0, 3, 108.2, &scene.frames[1]);
+  AddTrackAt(0, 3, 400.0, &scene.frames[0]);
+  AddTrackAt(0, 3, 400.1, &scene.frames[1]);
   const std::vector<Group> static_points = {{{0, 1}, {1, 0}}, {{0, 2}, {1, 1}}};
-  EXPECT_EQ(Pairs(GroupOverlappingTracks(scene, static_points)),
+  EXPECT_EQ(AsPairs(GroupOverlappingTracks(scene, static_points)),
             (Expected{{{0, 0}, {0, 1}, {1, 0}}, {{0, 2}, {1, 1}}}));
 }
 
@@ -87,8 +87,8 @@ TEST(GroupOverlappingTracks, TenPixels) {
     for (const double distance : {9.9, 10.1}) {
       Scene scene;
       scene.frames = {EmptyFrame()};
-      AddTrack(0, 2, offset, &scene.frames[0]);
-      AddTrack(0, 2, offset + distance, &scene.frames[0]);
+      AddTrackAt(0, 2, offset, &scene.frames[0]);
+      AddTrackAt(0, 2, offset + distance, &scene.frames[0]);
       EXPECT_EQ(GroupOverlappingTracks(scene, {}).size(),
                 distance < 10.0 ? 1 : 0)
           << offset;

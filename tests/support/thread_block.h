@@ -1,4 +1,4 @@
-// Blocks of a CUDA kernel as threads of the CPU.
+// A block or warp of a GPU as threads of the CPU.
 
 #pragma once
 
