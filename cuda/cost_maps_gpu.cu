@@ -2,12 +2,14 @@
 
 #include <cstring>
 #include <deque>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <cuda_runtime.h>
 
 #include "cuda/cuda_calls.h"
+#include "cuda/dense_sift_gpu.h"
 #include "cuda/warp_group.h"
 #include "src/util/parallel_for.h"
 
@@ -89,75 +91,132 @@ __global__ void __launch_bounds__(GpuLaunch::kBlockSize)
 // copied back in a stream of its own, while the other is being staged.
 class BatchSlot {
  public:
+  // Patches from the host.
   void Start(const PatchShape& shape,
              float inverse_pixel_size,
              const CostMapJob* jobs,
              int64_t num_jobs,
              int num_threads) {
-    Finish(shape);
-    const size_t count = static_cast<size_t>(num_jobs);
-    const size_t num_channels = static_cast<size_t>(shape.num_channels);
-    const size_t inputs_size = count * (shape.NumElements() + num_channels);
-    const size_t outputs_size = count * shape.NumCostElements();
-    host_inputs_.Reserve(inputs_size);
-    host_outputs_.Reserve(outputs_size);
-    inputs_.Reserve(inputs_size);
-    outputs_.Reserve(outputs_size);
-    uint16_t* host_references =
-        host_inputs_.Data() + count * shape.NumElements();
-    ParallelFor(count, num_threads, [&](size_t i) {
-      std::memcpy(host_inputs_.Data() + i * shape.NumElements(),
+    const size_t size = shape.NumElements();
+    Begin(shape, num_jobs, static_cast<size_t>(num_jobs) * size, num_threads);
+    ParallelFor(outputs_of_jobs_.size(), num_threads, [&](size_t i) {
+      std::memcpy(host_patches_.Data() + i * size,
                   jobs[i].patch,
-                  shape.NumElements() * sizeof(uint16_t));
-      std::memcpy(host_references + i * num_channels,
-                  jobs[i].reference,
-                  num_channels * sizeof(uint16_t));
+                  size * sizeof(uint16_t));
+      StageJob(shape, i, jobs[i].reference, jobs[i].cost_map);
     });
-    jobs_ = jobs;
-    num_jobs_ = num_jobs;
-    Copy(inputs_.Data(),
-         host_inputs_.Data(),
-         inputs_size,
+    Copy(patches_.Data(),
+         host_patches_.Data(),
+         outputs_of_jobs_.size() * size,
+         cudaMemcpyHostToDevice,
+         stream_.Get());
+    ComputeMaps(shape, inverse_pixel_size);
+  }
+
+  // Patches that are computed by `sift`.
+  void Start(const PatchShape& shape,
+             const GpuSift& sift,
+             const SiftMapJob* jobs,
+             int64_t num_jobs,
+             int num_threads) {
+    Begin(shape, num_jobs, 0, num_threads);
+    host_corners_.Reserve(outputs_of_jobs_.size());
+    corners_.Reserve(outputs_of_jobs_.size());
+    for (size_t i = 0; i < outputs_of_jobs_.size(); ++i) {
+      host_corners_.Data()[i] = jobs[i].corner;
+      StageJob(shape, i, jobs[i].reference, jobs[i].cost_map);
+    }
+    Copy(corners_.Data(),
+         host_corners_.Data(),
+         outputs_of_jobs_.size(),
+         cudaMemcpyHostToDevice,
+         stream_.Get());
+    sift.ComputePatches(corners_.Data(),
+                        num_jobs,
+                        shape.patch_size,
+                        patches_.Data(),
+                        stream_.Get());
+    ComputeMaps(shape, 1.0f);
+  }
+
+  // Waits for the batch, if there is one, and hands out its cost maps.
+  void Finish(const PatchShape& shape, int num_threads) {
+    if (outputs_of_jobs_.empty()) return;
+    stream_.Wait();
+    const size_t size = shape.NumCostElements();
+    ParallelFor(outputs_of_jobs_.size(), num_threads, [&](size_t i) {
+      std::memcpy(outputs_of_jobs_[i],
+                  host_outputs_.Data() + i * size,
+                  size * sizeof(uint16_t));
+    });
+    outputs_of_jobs_.clear();
+  }
+
+ private:
+  // Finishes the batch before, and makes room for this one.
+  void Begin(const PatchShape& shape,
+             int64_t num_jobs,
+             size_t host_patches_size,
+             int num_threads) {
+    Finish(shape, num_threads);
+    const size_t count = static_cast<size_t>(num_jobs);
+    const size_t references_size =
+        count * static_cast<size_t>(shape.num_channels);
+    host_patches_.Reserve(host_patches_size);
+    patches_.Reserve(count * shape.NumElements());
+    host_references_.Reserve(references_size);
+    references_.Reserve(references_size);
+    host_outputs_.Reserve(count * shape.NumCostElements());
+    outputs_.Reserve(count * shape.NumCostElements());
+    outputs_of_jobs_.resize(count);
+  }
+
+  void StageJob(const PatchShape& shape,
+                size_t i,
+                const uint16_t* reference,
+                uint16_t* cost_map) {
+    const size_t num_channels = static_cast<size_t>(shape.num_channels);
+    std::memcpy(host_references_.Data() + i * num_channels,
+                reference,
+                num_channels * sizeof(uint16_t));
+    outputs_of_jobs_[i] = cost_map;
+  }
+
+  // After the patches in the stream.
+  void ComputeMaps(const PatchShape& shape, float inverse_pixel_size) {
+    const size_t count = outputs_of_jobs_.size();
+    const int64_t num_jobs = static_cast<int64_t>(count);
+    Copy(references_.Data(),
+         host_references_.Data(),
+         count * static_cast<size_t>(shape.num_channels),
          cudaMemcpyHostToDevice,
          stream_.Get());
     ComputeMapsKernel<<<GpuLaunch::NumBlocks(num_jobs),
                         GpuLaunch::kBlockSize,
                         GpuLaunch::SharedBytes(shape),
-                        stream_.Get()>>>(
-        shape,
-        inverse_pixel_size,
-        inputs_.Data(),
-        inputs_.Data() + count * shape.NumElements(),
-        num_jobs,
-        outputs_.Data());
+                        stream_.Get()>>>(shape,
+                                         inverse_pixel_size,
+                                         patches_.Data(),
+                                         references_.Data(),
+                                         num_jobs,
+                                         outputs_.Data());
     Check(cudaGetLastError(), "Launching the kernel of cost maps");
     Copy(host_outputs_.Data(),
          outputs_.Data(),
-         outputs_size,
+         count * shape.NumCostElements(),
          cudaMemcpyDeviceToHost,
          stream_.Get());
   }
 
-  // Waits for the batch, if there is one, and hands out its cost maps.
-  void Finish(const PatchShape& shape) {
-    if (num_jobs_ == 0) return;
-    stream_.Wait();
-    const size_t size = shape.NumCostElements();
-    for (int64_t i = 0; i < num_jobs_; ++i) {
-      std::memcpy(jobs_[i].cost_map,
-                  host_outputs_.Data() + i * size,
-                  size * sizeof(uint16_t));
-    }
-    num_jobs_ = 0;
-  }
-
- private:
-  Buffer<uint16_t> host_inputs_{Memory::kPinnedHost};
+  Buffer<uint16_t> host_patches_{Memory::kPinnedHost};
+  Buffer<SiftCorner> host_corners_{Memory::kPinnedHost};
+  Buffer<uint16_t> host_references_{Memory::kPinnedHost};
   Buffer<uint16_t> host_outputs_{Memory::kPinnedHost};
-  Buffer<uint16_t> inputs_{Memory::kDevice};
+  Buffer<uint16_t> patches_{Memory::kDevice};
+  Buffer<SiftCorner> corners_{Memory::kDevice};
+  Buffer<uint16_t> references_{Memory::kDevice};
   Buffer<uint16_t> outputs_{Memory::kDevice};
-  const CostMapJob* jobs_ = nullptr;
-  int64_t num_jobs_ = 0;
+  std::vector<uint16_t*> outputs_of_jobs_;
   Stream stream_;  // last: waited for before the buffers go
 };
 
@@ -170,6 +229,7 @@ class GpuCostMapBackend final : public CostMapBackend {
     cudaFuncAttributes attributes;
     Check(cudaFuncGetAttributes(&attributes, ComputeMapsKernel),
           "Loading the kernels");
+    sift_.emplace(num_threads);
   }
 
   std::string Name() const override { return name_; }
@@ -227,22 +287,35 @@ class GpuCostMapBackend final : public CostMapBackend {
                    float inverse_pixel_size,
                    const std::vector<CostMapJob>& jobs) override {
     UseGpu();
+    InBatches(shape, jobs, [&](BatchSlot* slot, size_t begin, int64_t count) {
+      slot->Start(
+          shape, inverse_pixel_size, jobs.data() + begin, count, num_threads_);
+    });
+  }
+
+  bool ComputesSift() const override { return true; }
+  std::unique_ptr<DeviceSift> LoadSift(const SiftImage& image) override;
+
+ private:
+  class LoadedSift;
+
+  // The current GPU is a property of the calling thread.
+  void UseGpu() const { Check(cudaSetDevice(gpu_index_), "Selecting the GPU"); }
+
+  // Calls start(slot, begin, count) for batches of the jobs, and waits for all.
+  template <typename Jobs, typename Function>
+  void InBatches(const PatchShape& shape,
+                 const Jobs& jobs,
+                 const Function& start) {
     Prepare(shape);
     const int64_t num_jobs = static_cast<int64_t>(jobs.size());
     for (int64_t begin = 0; begin < num_jobs; begin += batch_size_) {
-      slots_[begin / batch_size_ % GpuLaunch::kNumStreams].Start(
-          shape,
-          inverse_pixel_size,
-          jobs.data() + begin,
-          std::min(batch_size_, num_jobs - begin),
-          num_threads_);
+      start(&slots_[begin / batch_size_ % GpuLaunch::kNumStreams],
+            static_cast<size_t>(begin),
+            std::min(batch_size_, num_jobs - begin));
     }
-    for (BatchSlot& slot : slots_) slot.Finish(shape);
+    for (BatchSlot& slot : slots_) slot.Finish(shape, num_threads_);
   }
-
- private:
-  // The current GPU is a property of the calling thread.
-  void UseGpu() const { Check(cudaSetDevice(gpu_index_), "Selecting the GPU"); }
 
   // Makes room for batches of this shape, unless that is done.
   void Prepare(const PatchShape& shape) {
@@ -271,8 +344,57 @@ class GpuCostMapBackend final : public CostMapBackend {
   const int num_threads_;
   PatchShape shape_ = {0, 0};
   int64_t batch_size_ = 0;
+  std::optional<GpuSift> sift_;  // of this GPU: made when that is current
   std::deque<BatchSlot> slots_;
 };
+
+// The image is kept, what its descriptors are made of (tens of bytes per pixel)
+// is computed again each time.
+class GpuCostMapBackend::LoadedSift final : public DeviceSift {
+ public:
+  LoadedSift(GpuCostMapBackend* backend, const SiftImage& image)
+      : backend_(backend),
+        layout_(MakeSiftLayout(image.width, image.height, image.bin_size)) {
+    backend_->UseGpu();
+    backend_->sift_->CopyImage(image.grey, &grey_);
+  }
+
+  size_t NumBytes() const override {
+    return static_cast<size_t>(layout_.width) * layout_.height * sizeof(float);
+  }
+
+  void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+                   uint16_t* features) override {
+    backend_->UseGpu();
+    backend_->sift_->ComputeBins(layout_, grey_.Data());
+    backend_->sift_->Interpolate(keypoints, features);
+  }
+
+  void ComputeMaps(int patch_size,
+                   const std::vector<SiftMapJob>& jobs) override {
+    backend_->UseGpu();
+    backend_->sift_->ComputeBins(layout_, grey_.Data());
+    const PatchShape shape = {patch_size, kNumSiftChannels};
+    backend_->InBatches(
+        shape, jobs, [&](BatchSlot* slot, size_t begin, int64_t count) {
+          slot->Start(shape,
+                      *backend_->sift_,
+                      jobs.data() + begin,
+                      count,
+                      backend_->num_threads_);
+        });
+  }
+
+ private:
+  GpuCostMapBackend* backend_;
+  const SiftLayout layout_;
+  Buffer<float> grey_{Memory::kDevice};
+};
+
+std::unique_ptr<DeviceSift> GpuCostMapBackend::LoadSift(
+    const SiftImage& image) {
+  return std::make_unique<LoadedSift>(this, image);
+}
 
 }  // namespace
 

@@ -92,6 +92,29 @@ class Stream {
   cudaStream_t stream_;
 };
 
+// A point in the work of a stream.
+class Event {
+ public:
+  Event() {
+    Check(cudaEventCreateWithFlags(&event_, cudaEventDisableTiming),
+          "Creating a CUDA event");
+  }
+  Event(const Event&) = delete;
+  Event& operator=(const Event&) = delete;
+  ~Event() { cudaEventDestroy(event_); }
+
+  void Record(cudaStream_t stream) {
+    Check(cudaEventRecord(event_, stream), "Recording a CUDA event");
+  }
+  // What comes later in the stream begins after the event.
+  void Block(cudaStream_t stream) const {
+    Check(cudaStreamWaitEvent(stream, event_, 0), "Waiting for a CUDA event");
+  }
+
+ private:
+  cudaEvent_t event_;
+};
+
 // Index of the GPU to use, and its name.
 inline int ChooseGpu(int gpu_index, std::string* name) {
   int num_gpus = 0;

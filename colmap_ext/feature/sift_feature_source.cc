@@ -6,39 +6,30 @@
 
 #include "colmap_ext/host/dense_sift.h"
 #include "colmap_ext/host/image_file.h"
+#include "src/dense/dense_sift_kernels.h"
 #include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {
 
-constexpr int kNumBins = 4;  // along each axis
-constexpr int kNumChannels = 128;
 // Side of the cells whose patches are computed together where they overlap.
 constexpr int kCellSize = 32;
-// Weighted mean of the gradients (grey levels per px) below which a descriptor
-// would be rounding errors scaled to unit length.
-constexpr double kMinGradient = 0.01;
 
-struct GreyImage {
-  int width;
-  int height;
-  std::vector<float> data;  // row-major, 0 to 255
-};
-
-GreyImage SmoothedImage(const host::Bitmap& bitmap, double smoothing) {
+SiftImage SmoothedImage(const host::Bitmap& bitmap,
+                        const SiftFeatureOptions& options) {
   const std::vector<uint8_t> pixels = host::RowMajorData(bitmap);
-  GreyImage image{bitmap.Width(), bitmap.Height(), {}};
-  image.data.assign(pixels.begin(), pixels.end());
-  if (smoothing > 0.0) {
-    const std::vector<float> original = image.data;
-    vl_imsmooth_f(image.data.data(),
+  SiftImage image{bitmap.Width(), bitmap.Height(), options.bin_size, {}};
+  image.grey.assign(pixels.begin(), pixels.end());
+  if (options.smoothing > 0.0) {
+    const std::vector<float> original = image.grey;
+    vl_imsmooth_f(image.grey.data(),
                   image.width,
                   original.data(),
                   image.width,
                   image.height,
                   image.width,
-                  smoothing,
-                  smoothing);
+                  options.smoothing,
+                  options.smoothing);
   }
   return image;
 }
@@ -96,7 +87,7 @@ std::vector<Region> GroupPatches(const DenseFeaturePatches& patches) {
 }
 
 // The region and `margin` pixels around it, border pixels repeated.
-std::vector<float> CutOut(const GreyImage& image,
+std::vector<float> CutOut(const SiftImage& image,
                           const Region& region,
                           int margin) {
   std::vector<float> window;
@@ -104,7 +95,7 @@ std::vector<float> CutOut(const GreyImage& image,
                  (region.height + 2 * margin));
   for (int y = region.y - margin; y < region.y + region.height + margin; ++y) {
     const float* row =
-        &image.data[static_cast<size_t>(std::clamp(y, 0, image.height - 1)) *
+        &image.grey[static_cast<size_t>(std::clamp(y, 0, image.height - 1)) *
                     image.width];
     for (int x = region.x - margin; x < region.x + region.width + margin; ++x) {
       window.push_back(row[std::clamp(x, 0, image.width - 1)]);
@@ -116,12 +107,11 @@ std::vector<float> CutOut(const GreyImage& image,
 using FilterPtr = std::unique_ptr<VlDsiftFilter, decltype(&vl_dsift_delete)>;
 
 // A filter after the computation of the descriptors at the pixels of `region`.
-FilterPtr ComputeDescriptors(const GreyImage& image,
-                             const Region& region,
-                             int bin_size) {
+FilterPtr ComputeDescriptors(const SiftImage& image, const Region& region) {
+  const int bin_size = image.bin_size;
   // The centres of the bins lie up to 1.5 bins from the pixel; each bin reaches
   // one bin further, and the gradients one pixel.
-  const int radius = (kNumBins - 1) * bin_size / 2;
+  const int radius = (kNumSiftBins - 1) * bin_size / 2;
   const int margin = radius + bin_size + 1;
   const std::vector<float> window = CutOut(image, region, margin);
   FilterPtr filter(
@@ -142,7 +132,7 @@ FilterPtr ComputeDescriptors(const GreyImage& image,
 // The square root of the L1-normalized descriptor. VLFeat's running sums leave
 // rounding errors of either sign.
 void RootNormalize(const float* descriptor, float* root) {
-  using Array = Eigen::Array<float, kNumChannels, 1>;
+  using Array = Eigen::Array<float, kNumSiftChannels, 1>;
   const Array positive = Eigen::Map<const Array>(descriptor).max(0.0f);
   Eigen::Map<Array>{root} = (positive / positive.sum()).sqrt();
 }
@@ -152,11 +142,11 @@ void FillPatches(const VlDsiftFilter& filter,
                  DenseFeaturePatches* patches) {
   const float* descriptors = vl_dsift_get_descriptors(&filter);
   const VlDsiftKeypoint* keypoints = vl_dsift_get_keypoints(&filter);
-  std::vector<float> roots(static_cast<size_t>(region.Area()) * kNumChannels,
-                           0.0f);
+  std::vector<float> roots(
+      static_cast<size_t>(region.Area()) * kNumSiftChannels, 0.0f);
   for (int i = 0; i < region.Area(); ++i) {
-    if (keypoints[i].norm > kMinGradient) {
-      const size_t offset = static_cast<size_t>(i) * kNumChannels;
+    if (keypoints[i].norm > kMinSiftGradient) {
+      const size_t offset = static_cast<size_t>(i) * kNumSiftChannels;
       RootNormalize(descriptors + offset, &roots[offset]);
     }
   }
@@ -167,7 +157,8 @@ void FillPatches(const VlDsiftFilter& filter,
             static_cast<size_t>(patches->corners[i].y() + row - region.y) *
                 region.width +
             patches->corners[i].x() + column - region.x;
-        SetDescriptor(&roots[pixel * kNumChannels], i, column, row, patches);
+        SetDescriptor(
+            &roots[pixel * kNumSiftChannels], i, column, row, patches);
       }
     }
   }
@@ -186,20 +177,29 @@ SiftFeatureSource::SiftFeatureSource(const SiftFeatureOptions& options,
 
 DenseFeaturePatches SiftFeatureSource::Extract(
     const DenseFeatureRequest& request) {
-  host::Bitmap bitmap;
-  if (!images_.Read(request, /*as_rgb=*/false, &bitmap)) {
-    return NoPatches(request);
-  }
-  const GreyImage image = SmoothedImage(bitmap, options_.smoothing);
-  DenseFeaturePatches patches =
-      PlacePatches(request, patch_size_, kNumChannels, 1.0);
+  SiftImage image;
+  DenseFeaturePatches patches;
+  ReadSiftImage(request, &image, &patches);
+  patches.data.resize(patches.valid.size() * patches.PatchNumElements(), 0);
   const std::vector<Region> regions = GroupPatches(patches);
   ParallelFor(regions.size(), num_threads_, [&](size_t i) {
-    const FilterPtr filter =
-        ComputeDescriptors(image, regions[i], options_.bin_size);
+    const FilterPtr filter = ComputeDescriptors(image, regions[i]);
     FillPatches(*filter, regions[i], &patches);
   });
   return patches;
+}
+
+bool SiftFeatureSource::ReadSiftImage(const DenseFeatureRequest& request,
+                                      SiftImage* image,
+                                      DenseFeaturePatches* patches) {
+  host::Bitmap bitmap;
+  if (!images_.Read(request, /*as_rgb=*/false, &bitmap)) {
+    *patches = NoPatches(request);
+    return true;
+  }
+  *image = SmoothedImage(bitmap, options_);
+  *patches = PlaceEmptyPatches(request, patch_size_, kNumSiftChannels, 1.0);
+  return true;
 }
 
 }  // namespace mfir

@@ -23,6 +23,9 @@ class SiftFeatureSource : public DenseFeatureSource {
                     const std::string& image_path);
 
   DenseFeaturePatches Extract(const DenseFeatureRequest& request) override;
+  bool ReadSiftImage(const DenseFeatureRequest& request,
+                     SiftImage* image,
+                     DenseFeaturePatches* patches) override;
 
  private:
   const SiftFeatureOptions options_;

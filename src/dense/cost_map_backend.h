@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "src/dense/cost_map_kernels.h"
+#include "src/dense/dense_sift.h"
 
 namespace mfir {
 
@@ -39,6 +40,13 @@ class CostMapBackend {
   virtual void ComputeMaps(const PatchShape& shape,
                            float inverse_pixel_size,
                            const std::vector<CostMapJob>& jobs) = 0;
+
+  // Whether LoadSift may be called: dense SIFT is computed here as well, and
+  // its patches need not be brought here.
+  virtual bool ComputesSift() const { return false; }
+  virtual std::unique_ptr<DeviceSift> LoadSift(const SiftImage&) {
+    return nullptr;
+  }
 };
 
 std::unique_ptr<CostMapBackend> CreateCpuCostMapBackend(int num_threads);

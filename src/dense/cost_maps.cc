@@ -6,7 +6,6 @@
 #include <optional>
 #include <utility>
 
-#include "cuda/cost_maps_gpu.h"
 #include "src/dense/cost_map_backend.h"
 #include "src/util/errors.h"
 #include "src/util/gpu_choice.h"
@@ -28,16 +27,26 @@ Eigen::Vector2d Origin(const DenseFeaturePatches& patches, size_t idx) {
          (patches.corners[idx].cast<double>() + Eigen::Vector2d(0.5, 0.5));
 }
 
-// Bicubic interpolation at an image position.
+// Of the pixels of a patch for bicubic interpolation at an image position.
+void MakeWeights(const DenseFeaturePatches& patches,
+                 size_t idx,
+                 const Eigen::Vector2d& xy,
+                 CubicWeights* columns,
+                 CubicWeights* rows) {
+  const Eigen::Vector2d position =
+      (xy - Origin(patches, idx)) / patches.pixel_size;
+  *columns = MakeCubicWeights(position.x(), patches.patch_size);
+  *rows = MakeCubicWeights(position.y(), patches.patch_size);
+}
+
+// The feature at an image position.
 void InterpolateFeature(const DenseFeaturePatches& patches,
                         size_t idx,
                         const Eigen::Vector2d& xy,
                         uint16_t* feature) {
-  const Eigen::Vector2d position =
-      (xy - Origin(patches, idx)) / patches.pixel_size;
-  const CubicWeights columns =
-      MakeCubicWeights(position.x(), patches.patch_size);
-  const CubicWeights rows = MakeCubicWeights(position.y(), patches.patch_size);
+  CubicWeights columns;
+  CubicWeights rows;
+  MakeWeights(patches, idx, xy, &columns, &rows);
   const size_t num_channels = static_cast<size_t>(patches.num_channels);
   const uint16_t* patch =
       patches.data.data() + idx * patches.PatchNumElements();
@@ -61,14 +70,45 @@ void InterpolateFeature(const DenseFeaturePatches& patches,
   }
 }
 
+// The same interpolation on a GPU.
+SiftKeypoint MakeSiftKeypoint(const DenseFeaturePatches& patches,
+                              size_t idx,
+                              const Eigen::Vector2d& xy) {
+  CubicWeights columns;
+  CubicWeights rows;
+  MakeWeights(patches, idx, xy, &columns, &rows);
+  SiftKeypoint keypoint;
+  keypoint.corner = {patches.corners[idx].x() + columns.begin,
+                     patches.corners[idx].y() + rows.begin};
+  std::copy_n(columns.weight, 4, keypoint.column_weights);
+  std::copy_n(rows.weight, 4, keypoint.row_weights);
+  return keypoint;
+}
+
+// The patches of an image; instead of their data possibly the image on a GPU,
+// which computes them there.
+struct ImagePatches {
+  DenseFeaturePatches patches;
+  std::unique_ptr<DeviceSift> sift;
+
+  size_t NumBytes() const {
+    return sift ? sift->NumBytes() : patches.data.size() * sizeof(uint16_t);
+  }
+};
+
+bool AnyValid(const DenseFeaturePatches& patches) {
+  return std::find(patches.valid.begin(), patches.valid.end(), true) !=
+         patches.valid.end();
+}
+
 // The backend that the options ask for, and the CPU where a GPU fails.
 class Backend {
  public:
-  explicit Backend(const CostMapOptions& options)
+  Backend(const CostMapOptions& options,
+          const GpuCostMapBackendFactory& make_gpu_backend)
       : cpu_(CreateCpuCostMapBackend(options.num_threads)),
         gpu_(options.use_gpu, "Cost maps are computed on the CPU", [&] {
-          return CreateGpuCostMapBackend(options.gpu_index,
-                                         options.num_threads);
+          return make_gpu_backend(options.gpu_index, options.num_threads);
         }) {}
 
   std::string Name() const { return Choose(gpu_.Get())->Name(); }
@@ -132,8 +172,45 @@ class FrameCostMaps {
   }
 
  private:
-  DenseFeaturePatches Extract(size_t image_idx) {
+  ImagePatches Extract(size_t image_idx) {
     const Clock::time_point start = Clock::now();
+    const DenseFeatureRequest request = MakeRequest(image_idx);
+    ImagePatches image;
+    backend_->Call(
+        [&](CostMapBackend* backend) { image = Extract(request, backend); });
+    ++summary_.num_extractions;
+    summary_.extraction_time_s += SecondsSince(start);
+    Check(request, image);
+    return image;
+  }
+
+  ImagePatches Extract(const DenseFeatureRequest& request,
+                       CostMapBackend* backend) {
+    ImagePatches image;
+    SiftImage sift_image;
+    if (!backend->ComputesSift() ||
+        !source_->ReadSiftImage(request, &sift_image, &image.patches)) {
+      image.patches = source_->Extract(request);
+    } else if (AnyValid(image.patches)) {
+      image.sift = backend->LoadSift(sift_image);
+    } else {
+      image.patches = NoPatches(request);
+    }
+    return image;
+  }
+
+  // Calls function(backend), with patches from the source after a GPU failed.
+  template <typename Function>
+  void CallWithPatches(size_t image_idx,
+                       ImagePatches* image,
+                       const Function& function) {
+    backend_->Call([&](CostMapBackend* backend) {
+      if (image->sift && !backend->ComputesSift()) *image = Extract(image_idx);
+      function(backend);
+    });
+  }
+
+  DenseFeatureRequest MakeRequest(size_t image_idx) const {
     const FrameImage& image = frame_->images[image_idx];
     DenseFeatureRequest request;
     request.frame_name = frame_->name;
@@ -145,26 +222,20 @@ class FrameCostMaps {
       request.keypoints.push_back(frame_->observations[k].xy);
       request.keypoint_ids.push_back(frame_->observations[k].keypoint_idx);
     }
-    DenseFeaturePatches patches = source_->Extract(request);
-    ++summary_.num_extractions;
-    summary_.extraction_time_s += SecondsSince(start);
-    Check(request, patches);
-    return patches;
+    return request;
   }
 
-  void Check(const DenseFeatureRequest& request,
-             const DenseFeaturePatches& patches) {
+  void Check(const DenseFeatureRequest& request, const ImagePatches& image) {
+    const DenseFeaturePatches& patches = image.patches;
     const size_t count = request.keypoints.size();
     const std::string name = "Dense features of frame '" + request.frame_name +
                              "', image '" + request.image_name + "': ";
     if (patches.valid.size() != count || patches.corners.size() != count ||
-        patches.data.size() != count * patches.PatchNumElements()) {
+        (!image.sift &&
+         patches.data.size() != count * patches.PatchNumElements())) {
       throw InputError(name + "not one patch per keypoint");
     }
-    if (std::find(patches.valid.begin(), patches.valid.end(), true) ==
-        patches.valid.end()) {
-      return;
-    }
+    if (!AnyValid(patches)) return;
     if (patches.patch_size < kMinPatchSize ||
         patches.patch_size > kMaxPatchSize) {
       throw InputError(name + "patch size " +
@@ -195,9 +266,25 @@ class FrameCostMaps {
 
   // The first pass over an image: features at its keypoints.
   void InterpolateFeatures(size_t image_idx) {
+    if (observation_idxs_[image_idx].empty()) return;
+    ImagePatches image = Extract(image_idx);
+    CallWithPatches(image_idx, &image, [&](CostMapBackend*) {
+      if (image.sift) {
+        InterpolateOnGpu(image_idx, image.patches, image.sift.get());
+      } else {
+        InterpolateOnCpu(image_idx, image.patches);
+      }
+    });
+    const size_t bytes = image.NumBytes();
+    if (!source_->RepeatsCheaply() &&
+        bytes <= options_.max_kept_bytes - kept_bytes_) {
+      kept_bytes_ += bytes;
+      kept_[image_idx] = std::move(image);
+    }
+  }
+
+  void InterpolateOnCpu(size_t image_idx, const DenseFeaturePatches& patches) {
     const std::vector<size_t>& idxs = observation_idxs_[image_idx];
-    if (idxs.empty()) return;
-    DenseFeaturePatches patches = Extract(image_idx);
     ParallelFor(idxs.size(), options_.num_threads, [&](size_t i) {
       if (!patches.valid[i]) return;
       const size_t num_channels = static_cast<size_t>(patches.num_channels);
@@ -207,11 +294,27 @@ class FrameCostMaps {
         std::fill(feature, feature + num_channels, kNanHalf);
       }
     });
-    const size_t bytes = patches.data.size() * sizeof(uint16_t);
-    if (!source_->RepeatsCheaply() &&
-        bytes <= options_.max_kept_bytes - kept_bytes_) {
-      kept_bytes_ += bytes;
-      kept_[image_idx] = std::move(patches);
+  }
+
+  void InterpolateOnGpu(size_t image_idx,
+                        const DenseFeaturePatches& patches,
+                        DeviceSift* sift) {
+    const std::vector<size_t>& idxs = observation_idxs_[image_idx];
+    std::vector<SiftKeypoint> keypoints;
+    std::vector<size_t> keypoint_idxs;
+    for (size_t i = 0; i < idxs.size(); ++i) {
+      if (!patches.valid[i]) continue;
+      keypoint_idxs.push_back(idxs[i]);
+      keypoints.push_back(
+          MakeSiftKeypoint(patches, i, frame_->observations[idxs[i]].xy));
+    }
+    const size_t num_channels = static_cast<size_t>(patches.num_channels);
+    std::vector<uint16_t> features(keypoints.size() * num_channels);
+    sift->Interpolate(keypoints, features.data());
+    for (size_t k = 0; k < keypoints.size(); ++k) {
+      std::copy_n(features.begin() + k * num_channels,
+                  num_channels,
+                  features_.begin() + keypoint_idxs[k] * num_channels);
     }
   }
 
@@ -267,32 +370,58 @@ class FrameCostMaps {
         })) {
       return;
     }
-    DenseFeaturePatches patches = std::move(kept_[image_idx]);
-    if (patches.data.empty()) patches = Extract(image_idx);
+    ImagePatches image =
+        kept_[image_idx] ? std::move(*kept_[image_idx]) : Extract(image_idx);
+    const DenseFeaturePatches& patches = image.patches;
+    std::vector<size_t> patch_idxs;
     std::vector<CostMapJob> jobs;
-    std::vector<Observation*> observations;
     for (size_t i = 0; i < idxs.size(); ++i) {
       const int64_t reference = references_[idxs[i]];
       if (reference < 0 || !patches.valid[i]) continue;
       const size_t map_idx = maps->placements.size();
       maps->placements.push_back({Origin(patches, i), patches.pixel_size});
+      patch_idxs.push_back(i);
       jobs.push_back(
-          {patches.data.data() + i * patches.PatchNumElements(),
+          {nullptr,
            &features_[static_cast<size_t>(reference * shape_->num_channels)],
            &maps->data[map_idx * shape_->NumCostElements()]});
-      observations.push_back(&frame_->observations[idxs[i]]);
-      observations.back()->cost_map_idx = static_cast<int64_t>(map_idx);
+      frame_->observations[idxs[i]].cost_map_idx =
+          static_cast<int64_t>(map_idx);
     }
-    backend_->Call([&](CostMapBackend* backend) {
-      backend->ComputeMaps(
-          *shape_, static_cast<float>(1.0 / patches.pixel_size), jobs);
+    CallWithPatches(image_idx, &image, [&](CostMapBackend* backend) {
+      ComputeMaps(image, patch_idxs, backend, &jobs);
     });
-    for (size_t i = 0; i < jobs.size(); ++i) {
-      const uint16_t* map = jobs[i].cost_map;
+    for (size_t k = 0; k < jobs.size(); ++k) {
+      const uint16_t* map = jobs[k].cost_map;
       if (!std::all_of(map, map + shape_->NumCostElements(), IsFiniteHalf)) {
-        observations[i]->cost_map_idx = -1;
+        frame_->observations[idxs[patch_idxs[k]]].cost_map_idx = -1;
       }
     }
+  }
+
+  // Of these patches; the jobs know all but the patch.
+  void ComputeMaps(const ImagePatches& image,
+                   const std::vector<size_t>& patch_idxs,
+                   CostMapBackend* backend,
+                   std::vector<CostMapJob>* jobs) const {
+    const DenseFeaturePatches& patches = image.patches;
+    if (image.sift) {
+      std::vector<SiftMapJob> sift_jobs;
+      for (size_t k = 0; k < jobs->size(); ++k) {
+        const Eigen::Vector2i& corner = patches.corners[patch_idxs[k]];
+        sift_jobs.push_back({{corner.x(), corner.y()},
+                             (*jobs)[k].reference,
+                             (*jobs)[k].cost_map});
+      }
+      image.sift->ComputeMaps(shape_->patch_size, sift_jobs);
+      return;
+    }
+    for (size_t k = 0; k < jobs->size(); ++k) {
+      (*jobs)[k].patch =
+          patches.data.data() + patch_idxs[k] * patches.PatchNumElements();
+    }
+    backend->ComputeMaps(
+        *shape_, static_cast<float>(1.0 / patches.pixel_size), *jobs);
   }
 
   const CostMapOptions& options_;
@@ -302,7 +431,7 @@ class FrameCostMaps {
   Frame* frame_;
   // By image, in the order of its keypoints.
   std::vector<std::vector<size_t>> observation_idxs_;
-  std::vector<DenseFeaturePatches> kept_;
+  std::vector<std::optional<ImagePatches>> kept_;
   size_t kept_bytes_ = 0;
   // Of all patches; known after the first valid one.
   std::optional<PatchShape> shape_;
@@ -318,8 +447,9 @@ class FrameCostMaps {
 Scene ComputeCostMaps(const CostMapOptions& options,
                       DenseFeatureSource* source,
                       const CostMapCallback& callback,
-                      Scene scene) {
-  Backend backend(options);
+                      Scene scene,
+                      const GpuCostMapBackendFactory& make_gpu_backend) {
+  Backend backend(options, make_gpu_backend);
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     FrameCostMaps frame_cost_maps(
         options, source, &backend, scene, &scene.frames[i]);

@@ -5,8 +5,10 @@
 
 #include <cstddef>
 #include <functional>
+#include <memory>
 #include <string>
 
+#include "cuda/cost_maps_gpu.h"
 #include "src/dense/dense_features.h"
 #include "src/scene/scene.h"
 
@@ -44,6 +46,9 @@ struct CostMapSummary {
 using CostMapCallback =
     std::function<void(size_t frame_idx, const CostMapSummary& summary)>;
 
+using GpuCostMapBackendFactory = std::function<std::unique_ptr<CostMapBackend>(
+    int gpu_index, int num_threads)>;
+
 // The scene with the cost maps of all frames: for every track the reference
 // feature (eq. "reference feature" of the paper), and for every observation the
 // cost map of its patch (eq. "cost map"). An observation has none (cost_map_idx
@@ -53,13 +58,16 @@ using CostMapCallback =
 // Peak memory beyond the cost maps (3 * 2 * patch_size^2 bytes per
 // observation): of one frame 2 * num_channels bytes per observation, and its
 // patches up to max_kept_bytes (none if the source repeats cheaply) or those of
-// one image, whichever is more.
+// one image, whichever is more. A GPU that computes dense SIFT itself keeps
+// images in its own memory instead of patches here.
 //
 // Throws InputError: an image or patches that cannot be used; UsageError:
 // use_gpu = 1 without a GPU.
-Scene ComputeCostMaps(const CostMapOptions& options,
-                      DenseFeatureSource* source,
-                      const CostMapCallback& callback,
-                      Scene scene);
+Scene ComputeCostMaps(
+    const CostMapOptions& options,
+    DenseFeatureSource* source,
+    const CostMapCallback& callback,
+    Scene scene,
+    const GpuCostMapBackendFactory& make_gpu_backend = CreateGpuCostMapBackend);
 
 }  // namespace mfir

@@ -22,6 +22,16 @@ DenseFeaturePatches PlacePatches(const DenseFeatureRequest& request,
                                  int patch_size,
                                  int num_channels,
                                  double pixel_size) {
+  DenseFeaturePatches patches =
+      PlaceEmptyPatches(request, patch_size, num_channels, pixel_size);
+  patches.data.resize(patches.valid.size() * patches.PatchNumElements(), 0);
+  return patches;
+}
+
+DenseFeaturePatches PlaceEmptyPatches(const DenseFeatureRequest& request,
+                                      int patch_size,
+                                      int num_channels,
+                                      double pixel_size) {
   const int map_width = static_cast<int>(request.width / pixel_size);
   const int map_height = static_cast<int>(request.height / pixel_size);
   if (map_width < patch_size || map_height < patch_size) {
@@ -47,7 +57,6 @@ DenseFeaturePatches PlacePatches(const DenseFeatureRequest& request,
         PlaceAlongAxis(keypoint.x() / pixel_size, patch_size, map_width),
         PlaceAlongAxis(keypoint.y() / pixel_size, patch_size, map_height));
   }
-  patches.data.resize(request.keypoints.size() * patches.PatchNumElements(), 0);
   return patches;
 }
 

@@ -9,6 +9,8 @@
 #include <Eigen/Core>
 #include <Eigen/StdVector>
 
+#include "src/dense/dense_sift.h"
+
 namespace mfir {
 
 // Patches of one image. The centre of feature pixel (column, row) of patch i
@@ -63,6 +65,15 @@ class DenseFeatureSource {
   // that an image without any valid patch may have zero of both.
   virtual DenseFeaturePatches Extract(const DenseFeatureRequest& request) = 0;
 
+  // For who computes dense SIFT itself: true if these are the source's
+  // features, with the image, and where its patches lie (without their data;
+  // none are valid if there is no image).
+  virtual bool ReadSiftImage(const DenseFeatureRequest&,
+                             SiftImage*,
+                             DenseFeaturePatches*) {
+    return false;
+  }
+
   // Whether to ask again for an image is better than to keep its patches.
   virtual bool RepeatsCheaply() const { return false; }
 
@@ -79,6 +90,12 @@ DenseFeaturePatches PlacePatches(const DenseFeatureRequest& request,
                                  int patch_size,
                                  int num_channels,
                                  double pixel_size);
+
+// The same without the data.
+DenseFeaturePatches PlaceEmptyPatches(const DenseFeatureRequest& request,
+                                      int patch_size,
+                                      int num_channels,
+                                      double pixel_size);
 
 // An image without any feature.
 DenseFeaturePatches NoPatches(const DenseFeatureRequest& request);

@@ -1,12 +1,15 @@
 // Throughput of reference features and cost maps on one core of the CPU, with
-// features in memory: items_per_second are tracks and patches.
+// features in memory: items_per_second are tracks and patches. Where there is a
+// GPU, also of all that it does for the patches of dense SIFT.
 
 #include <cstdint>
 #include <vector>
 
 #include <benchmark/benchmark.h>
 
+#include "cuda/cost_maps_gpu.h"
 #include "src/dense/cost_map_backend.h"
+#include "src/util/gpu_choice.h"
 #include "src/util/random.h"
 
 namespace mfir {
@@ -90,6 +93,53 @@ BENCHMARK(BM_References)
     ->ArgNames({"length"})
     ->Args({5})
     ->Args({38})
+    ->Unit(benchmark::kMillisecond);
+
+// From an image in the host's memory to features and cost maps there.
+void BM_SiftOnGpu(benchmark::State& state) {
+  constexpr int kPatchSize = 16;
+  std::unique_ptr<CostMapBackend> gpu;
+  try {
+    gpu = CreateGpuCostMapBackend(-1, -1);
+  } catch (const GpuError& error) {
+    state.SkipWithError(error.what());
+    return;
+  }
+  const size_t num_patches = static_cast<size_t>(state.range(0));
+  Random random({2});
+  SiftImage image{1280, 1024, 4, {}};
+  for (int i = 0; i < image.width * image.height; ++i) {
+    image.grey.push_back(static_cast<float>(random.Uniform(0.0, 255.0)));
+  }
+  const std::vector<uint16_t> reference = RandomFeatures(1, 128);
+  const size_t map_size = PatchShape{kPatchSize, 128}.NumCostElements();
+  std::vector<uint16_t> features(num_patches * 128);
+  std::vector<uint16_t> cost_maps(num_patches * map_size);
+  std::vector<SiftKeypoint> keypoints;
+  std::vector<SiftMapJob> jobs;
+  for (size_t i = 0; i < num_patches; ++i) {
+    const SiftCorner corner = {
+        static_cast<int>(random.Uniform(0.0, image.width - kPatchSize)),
+        static_cast<int>(random.Uniform(0.0, image.height - kPatchSize))};
+    jobs.push_back({corner, reference.data(), &cost_maps[i * map_size]});
+    keypoints.push_back({{corner.x + 6, corner.y + 6},
+                         {-0.0625f, 0.5625f, 0.5625f, -0.0625f},
+                         {-0.0625f, 0.5625f, 0.5625f, -0.0625f}});
+  }
+  for (auto _ : state) {
+    const auto sift = gpu->LoadSift(image);
+    sift->Interpolate(keypoints, features.data());
+    sift->ComputeMaps(kPatchSize, jobs);
+    benchmark::ClobberMemory();
+  }
+  state.SetItemsProcessed(state.range(0) * state.iterations());
+}
+BENCHMARK(BM_SiftOnGpu)
+    ->ArgNames({"patches"})
+    ->Args({500})
+    ->Args({2000})
+    ->Args({8000})
+    ->UseRealTime()
     ->Unit(benchmark::kMillisecond);
 
 }  // namespace

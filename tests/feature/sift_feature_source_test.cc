@@ -4,7 +4,9 @@
 
 #include <gtest/gtest.h>
 
+#include "src/util/random.h"
 #include "tests/support/feature_images.h"
+#include "tests/support/serial_sift.h"
 #include "tests/support/test_files.h"
 
 namespace mfir {
@@ -143,6 +145,67 @@ TEST(SiftFeatureSource, PatchesAtBordersAreComplete) {
   }
 }
 
+// Largest difference of an element of the descriptors of VLFeat and of the
+// functions of the CUDA kernels.
+float MaxDifferenceFromKernels(const TestImage& image,
+                               const SiftFeatureOptions& options) {
+  const TemporaryFolder folder;
+  image.Write(folder / "image.png");
+  SiftFeatureSource source(options, 16, 1, folder.Path());
+  Keypoints keypoints = {
+      {0.0, 0.0}, {image.width + 0.0, image.height + 0.0}, {-1.0, 5.0}};
+  for (int i = 0; i < 20; ++i) {
+    keypoints.emplace_back(std::fmod(17.3 * i, image.width),
+                           std::fmod(11.7 * i, image.height));
+  }
+  const DenseFeatureRequest request = image.Request("image.png", keypoints);
+  const DenseFeaturePatches expected = source.Extract(request);
+  SiftImage sift_image;
+  DenseFeaturePatches places;
+  EXPECT_TRUE(source.ReadSiftImage(request, &sift_image, &places));
+  EXPECT_EQ(places.corners, expected.corners);
+  EXPECT_EQ(places.valid, expected.valid);
+  EXPECT_EQ(places.patch_size, expected.patch_size);
+  EXPECT_TRUE(places.data.empty());
+  std::vector<SiftCorner> corners;
+  for (const Eigen::Vector2i& corner : places.corners) {
+    corners.push_back({corner.x(), corner.y()});
+  }
+  const std::vector<uint16_t> patches =
+      SerialSiftPatches(sift_image, corners, 16);
+  EXPECT_EQ(patches.size(), expected.data.size());
+  float max_difference = 0.0f;
+  for (size_t i = 0; i < patches.size(); ++i) {
+    if (!places.valid[i / places.PatchNumElements()]) continue;
+    max_difference = std::max(
+        max_difference,
+        std::abs(HalfToFloat(patches[i]) - HalfToFloat(expected.data[i])));
+  }
+  return max_difference;
+}
+
+TEST(SiftFeatureSource, EqualsTheKernelsOfTheGpu) {
+  Random random({9});
+  TestImage noise = TestImage::Constant(110, 90, 0);
+  for (uint8_t& value : noise.values) {
+    value = static_cast<uint8_t>(random.Uniform(0.0, 255.99));
+  }
+  for (const int bin_size : {2, 4, 6, 16}) {
+    for (const double smoothing : {0.0, 1.0}) {
+      SiftFeatureOptions options;
+      options.bin_size = bin_size;
+      options.smoothing = smoothing;
+      for (const TestImage& image :
+           {noise, TestImage::Texture(110, 90, 0.0, 0.0)}) {
+        // Half a unit in the last place of fp16 is 1.2e-4 above 0.25, and
+        // rounding errors of VLFeat's running sums show in small elements.
+        EXPECT_LT(MaxDifferenceFromKernels(image, options), 3e-4f)
+            << "bin size " << bin_size << ", smoothing " << smoothing;
+      }
+    }
+  }
+}
+
 TEST(SiftFeatureSource, KeypointsOutsideAreNotValid) {
   const TestImage image = TestImage::Texture(60, 50, 0.0, 0.0);
   const double nan = std::nan("");
@@ -214,6 +277,10 @@ TEST(SiftFeatureSource, ImagesThatDoNotFit) {
   const DenseFeaturePatches patches = source.Extract(request);
   EXPECT_EQ(patches.valid, std::vector<bool>({false}));
   EXPECT_TRUE(patches.data.empty());
+  SiftImage sift_image;
+  DenseFeaturePatches places;
+  EXPECT_TRUE(source.ReadSiftImage(request, &sift_image, &places));
+  EXPECT_EQ(places.valid, std::vector<bool>({false}));
 }
 
 }  // namespace
