@@ -1,9 +1,17 @@
 #include "colmap_ext/host/database.h"
 
+#include "src/util/errors.h"
+
 namespace mfir::host {
 
 std::shared_ptr<Database> OpenDatabase(const std::filesystem::path& path) {
-  return Database::Open(path);
+  try {
+    return Database::Open(path);
+  } catch (const std::exception&) {
+    // COLMAP has said why in its log: no such folder, or a full disk.
+    throw OutputError(path.string() +
+                      ": cannot make the database: is the disk full?");
+  }
 }
 
 std::pair<image_t, image_t> PairIdToImagePair(image_pair_t pair_id) {
