@@ -363,7 +363,7 @@ class GpuCostMapBackend::LoadedSift final : public DeviceSift {
     return static_cast<size_t>(layout_.width) * layout_.height * sizeof(float);
   }
 
-  void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+  void Interpolate(const std::vector<DenseSiftKeypoint>& keypoints,
                    uint16_t* features) override {
     backend_->UseGpu();
     backend_->sift_->ComputeBins(layout_, grey_.Data());

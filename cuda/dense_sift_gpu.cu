@@ -73,7 +73,7 @@ __global__ void __launch_bounds__(GpuLaunch::kBlockSize)
 __global__ void __launch_bounds__(GpuLaunch::kBlockSize)
     InterpolateKernel(SiftLayout layout,
                       const float* bins,
-                      const SiftKeypoint* keypoints,
+                      const DenseSiftKeypoint* keypoints,
                       int64_t num_keypoints,
                       uint16_t* features) {
   const int64_t stride = static_cast<int64_t>(gridDim.x) * kWarpsPerBlock;
@@ -139,7 +139,7 @@ void GpuSift::ComputeBins(const SiftLayout& layout, const float* gpu_grey) {
   bins_done_.Record(stream_.Get());
 }
 
-void GpuSift::Interpolate(const std::vector<SiftKeypoint>& keypoints,
+void GpuSift::Interpolate(const std::vector<DenseSiftKeypoint>& keypoints,
                           uint16_t* features) {
   if (keypoints.empty()) return;
   const int64_t count = static_cast<int64_t>(keypoints.size());

@@ -25,7 +25,7 @@ class GpuSift {
   // The functions below are about the image of the last ComputeBins.
 
   // Done on return.
-  void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+  void Interpolate(const std::vector<DenseSiftKeypoint>& keypoints,
                    uint16_t* features);
 
   // Launches in `stream`; corners and patches are in the GPU's memory.
@@ -42,7 +42,7 @@ class GpuSift {
   Buffer<SiftGradient> gradients_{Memory::kDevice};
   Buffer<float> row_sums_{Memory::kDevice};
   Buffer<float> bins_{Memory::kDevice};
-  Buffer<SiftKeypoint> keypoints_{Memory::kDevice};
+  Buffer<DenseSiftKeypoint> keypoints_{Memory::kDevice};
   Buffer<uint16_t> features_{Memory::kDevice};
   Event bins_done_;
   Stream stream_;  // last: waited for before the buffers go

@@ -2,7 +2,8 @@
 # check_layout.sh [PROJECT_ROOT]: fails when an include points up in the order of
 # the rooms below, when it names a file that is not the project's (COLMAP's headers
 # are colmap_ext/host's alone), when COLMAP's names or its version stand outside of
-# colmap_ext/host, or when a test lies in no room.
+# colmap_ext/host, when two headers define a class of one name, or when a test lies in
+# no room.
 set -euo pipefail
 cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 
@@ -77,6 +78,12 @@ while IFS= read -r file; do
   [[ -n ${rank[src/$room]-}${rank[colmap_ext/$room]-} ]] ||
     fail "$file: tests mirror the rooms, and there is no room $room"
 done < <(find tests -name '*_test.cc')
+
+# The linker would take the functions of one for both.
+while IFS= read -r name; do
+  fail "several headers define $name: $(grep -rlE "^(struct|class) $name\\>" --include='*.h' src colmap_ext cuda | tr '\n' ' ')"
+done < <(grep -rhoE '^(struct|class) [A-Za-z0-9_]+( final)?( :| \{|$)' --include='*.h' src colmap_ext cuda |
+  awk '{ print $2 }' | sort | uniq -d)
 
 if ((num_includes == 0)); then
   echo "no include found at all: is '$PWD' the project's folder?"

@@ -30,3 +30,4 @@ expect_failure "belong to colmap_ext/host" colmap_ext/models/model_io.cc '// col
 expect_failure "belong to colmap_ext/host" tests/io/model_io_test.cc '#if MFIR_COLMAP_MAJOR > 3'
 expect_failure "is no room" src/misc/new.h '#include <vector>'
 expect_failure "tests mirror" tests/misc/new_test.cc '#include <vector>'
+expect_failure "several headers define Selection" src/dense/dense_features.h 'struct Selection {'

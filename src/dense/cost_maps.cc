@@ -71,13 +71,13 @@ void InterpolateFeature(const DenseFeaturePatches& patches,
 }
 
 // The same interpolation on a GPU.
-SiftKeypoint MakeSiftKeypoint(const DenseFeaturePatches& patches,
-                              size_t idx,
-                              const Eigen::Vector2d& xy) {
+DenseSiftKeypoint MakeDenseSiftKeypoint(const DenseFeaturePatches& patches,
+                                        size_t idx,
+                                        const Eigen::Vector2d& xy) {
   CubicWeights columns;
   CubicWeights rows;
   MakeWeights(patches, idx, xy, &columns, &rows);
-  SiftKeypoint keypoint;
+  DenseSiftKeypoint keypoint;
   keypoint.corner = {patches.corners[idx].x() + columns.begin,
                      patches.corners[idx].y() + rows.begin};
   std::copy_n(columns.weight, 4, keypoint.column_weights);
@@ -300,13 +300,13 @@ class FrameCostMaps {
                         const DenseFeaturePatches& patches,
                         DeviceSift* sift) {
     const std::vector<size_t>& idxs = observation_idxs_[image_idx];
-    std::vector<SiftKeypoint> keypoints;
+    std::vector<DenseSiftKeypoint> keypoints;
     std::vector<size_t> keypoint_idxs;
     for (size_t i = 0; i < idxs.size(); ++i) {
       if (!patches.valid[i]) continue;
       keypoint_idxs.push_back(idxs[i]);
       keypoints.push_back(
-          MakeSiftKeypoint(patches, i, frame_->observations[idxs[i]].xy));
+          MakeDenseSiftKeypoint(patches, i, frame_->observations[idxs[i]].xy));
     }
     const size_t num_channels = static_cast<size_t>(patches.num_channels);
     std::vector<uint16_t> features(keypoints.size() * num_channels);

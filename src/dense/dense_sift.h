@@ -23,7 +23,7 @@ struct SiftCorner {
 };
 
 // The 4 x 4 pixels around a keypoint and their weights.
-struct SiftKeypoint {
+struct DenseSiftKeypoint {
   SiftCorner corner;
   float row_weights[4];
   float column_weights[4];
@@ -46,7 +46,7 @@ class DeviceSift {
   virtual size_t NumBytes() const = 0;
 
   // Features at keypoints: rows of fp16.
-  virtual void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+  virtual void Interpolate(const std::vector<DenseSiftKeypoint>& keypoints,
                            uint16_t* features) = 0;
 
   virtual void ComputeMaps(int patch_size,

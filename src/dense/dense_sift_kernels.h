@@ -313,7 +313,7 @@ template <typename Group>
 MFIR_HOST_DEVICE void InterpolateSiftFeature(const Group& group,
                                              const SiftLayout& layout,
                                              const float* bins,
-                                             const SiftKeypoint& keypoint,
+                                             const DenseSiftKeypoint& keypoint,
                                              uint16_t* feature) {
   constexpr int kCount = SiftChannels<Group>::kCount;
   float sums[kCount] = {};

@@ -115,7 +115,7 @@ void BM_SiftOnGpu(benchmark::State& state) {
   const size_t map_size = PatchShape{kPatchSize, 128}.NumCostElements();
   std::vector<uint16_t> features(num_patches * 128);
   std::vector<uint16_t> cost_maps(num_patches * map_size);
-  std::vector<SiftKeypoint> keypoints;
+  std::vector<DenseSiftKeypoint> keypoints;
   std::vector<SiftMapJob> jobs;
   for (size_t i = 0; i < num_patches; ++i) {
     const SiftCorner corner = {

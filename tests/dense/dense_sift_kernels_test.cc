@@ -169,7 +169,7 @@ TEST(DenseSiftKernels, WarpsComputePatchesAndFeatures) {
                        patch.data());
     });
   }
-  const SiftKeypoint keypoint = {
+  const DenseSiftKeypoint keypoint = {
       corner, {-0.1f, 0.7f, 0.5f, -0.1f}, {-0.05f, 0.25f, 0.9f, -0.1f}};
   std::vector<uint16_t> expected_feature(kNumSiftChannels);
   SerialSift(image).Interpolate({keypoint}, expected_feature.data());
@@ -205,7 +205,7 @@ TEST(DenseSiftGpu, EqualsTheCpu) {
   Random random({6});
   for (const int bin_size : {4, 12}) {
     const SiftImage image = NoiseImage(300, 200, bin_size);
-    std::vector<SiftKeypoint> keypoints;
+    std::vector<DenseSiftKeypoint> keypoints;
     for (size_t i = 0; i < kNumPatches; ++i) {
       keypoints.push_back({{static_cast<int>(random.Uniform(0.0, 284.99)),
                             static_cast<int>(random.Uniform(0.0, 184.99))},

@@ -93,7 +93,7 @@ class TestGpu : public CostMapBackend {
    public:
     Sift(const SiftImage& image, std::shared_ptr<int> calls_left)
         : SerialSift(image), calls_left_(std::move(calls_left)) {}
-    void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+    void Interpolate(const std::vector<DenseSiftKeypoint>& keypoints,
                      uint16_t* features) override {
       Count(calls_left_.get());
       SerialSift::Interpolate(keypoints, features);

@@ -56,7 +56,7 @@ class SerialSift : public DeviceSift {
     return image_.grey.size() * sizeof(float);
   }
 
-  void Interpolate(const std::vector<SiftKeypoint>& keypoints,
+  void Interpolate(const std::vector<DenseSiftKeypoint>& keypoints,
                    uint16_t* features) override {
     const std::vector<float> bins = SerialSiftBins(image_);
     for (size_t i = 0; i < keypoints.size(); ++i) {
