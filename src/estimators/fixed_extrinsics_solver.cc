@@ -30,6 +30,8 @@ constexpr double kCostResolution = 1e-11;
 // How often such a step may be no shorter than the shortest before.
 constexpr int kMaxNumLongerSteps = 50;
 constexpr int kNumCostIterations = 50;
+// Tracks left out because a solve stalls.
+constexpr int kMaxNumObstacles = 20;
 // Points whose minima are about to vanish: far from the solution a quadratic
 // model of them tells nothing, and they get the curvature without the second
 // derivative of the loss where they have less than this share of it. Near it,
@@ -88,6 +90,7 @@ class Solver {
   void Iterate(double* cost, FixedExtrinsicsSummary* summary);
   void SetCameras();
   bool IsSlow(int num_iterations, double cost);
+  bool LeaveOutObstacle(double* cost);
   double MaxFocalChange(const Eigen::VectorXd& step) const;
   bool IsBelowFloor(const Eigen::VectorXd& step) const;
   Eigen::MatrixXd Covariance();
@@ -107,6 +110,7 @@ class Solver {
   double earlier_cost_ = std::numeric_limits<double>::infinity();
   int earlier_iteration_ = 0;
   bool is_slow_ = false;
+  int num_obstacles_ = 0;
 };
 
 Solver::Solver(const FixedExtrinsicsOptions& options,
@@ -431,6 +435,23 @@ void Solver::Iterate(double* cost, FixedExtrinsicsSummary* summary) {
   }
 }
 
+// Short of a minimum no step lowers the cost where the minimum of a point
+// vanishes, and its cost leaps, just ahead of the solution.
+bool Solver::LeaveOutObstacle(double* cost) {
+  if (num_obstacles_ == kMaxNumObstacles) return false;
+  ++num_obstacles_;
+  const NormalEquations equations =
+      BuildNormalEquations(Curvature::kReweighted, kMinCurvatureShare);
+  Eigen::VectorXd step;
+  if (!ComputeCommonStep(equations, 0.0, &step)) return false;
+  *cost = PriorCost(states_) +
+          points_.LeaveOutObstacle(step,
+                                   states_,
+                                   AddStep(params_, step, states_),
+                                   AddStep(params_, -step, states_));
+  return true;
+}
+
 // Cameras that move are followed by their points, each in the minimum that it
 // is in; in between, points are moved to lower minima, until there are none.
 // Both lower the cost, so that no minimum comes back.
@@ -447,7 +468,11 @@ FixedExtrinsicsSummary Solver::Solve() {
   do {
     summary.converged = params_.Size() == 0;
     Iterate(&cost, &summary);
-    if (!ImprovePoints(&cost) || is_slow_) break;
+    const bool improved = ImprovePoints(&cost);
+    if (is_slow_) break;
+    const bool stalls = !summary.converged && !improved &&
+                        summary.num_iterations < options_.max_num_iterations;
+    if (!improved && !(stalls && LeaveOutObstacle(&cost))) break;
     summary.converged = false;
   } while (summary.num_iterations < options_.max_num_iterations);
   SetCameras();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -374,37 +375,72 @@ Eigen::MatrixXd PointElimination::GradientOuter(const States& states) const {
   return sum;
 }
 
+double PointElimination::StepTrack(size_t track_idx,
+                                   const Eigen::VectorXd& step,
+                                   const States& new_states,
+                                   Eigen::Vector3d* xyz) const {
+  const Track& track = tracks_[track_idx];
+  *xyz = *track.xyz - point_steps_[track_idx];
+  const double* stored = &back_blocks_[back_block_begins_[track_idx]];
+  for (size_t k = 0; k < track.length; ++k) {
+    const size_t camera_idx = track.observations[k].camera_idx;
+    const Eigen::Map<const ParamsBlock> block(
+        stored, params_.SizeOf(camera_idx), 3);
+    stored += block.size();
+    *xyz -= block.transpose() *
+            step.segment(params_.offsets[camera_idx], block.rows());
+  }
+  if (!(track_solver_->Cost(track, new_states, *xyz) <=
+        track_solver_->Cost(track, new_states, *track.xyz))) {
+    *xyz = *track.xyz;
+  }
+  return track_solver_->Minimize(track, new_states, xyz).cost;
+}
+
 double PointElimination::TryStep(const Eigen::VectorXd& step,
                                  const States& new_states,
                                  Points* new_points) const {
-  const TrackSolver& track_solver = *track_solver_;
   new_points->resize(tracks_.size());
   std::vector<double> costs(NumChunks(tracks_.size()), 0.0);
-  ParallelForChunks(
-      tracks_.size(), [&](size_t chunk, size_t begin, size_t end) {
-        for (size_t i = begin; i < end; ++i) {
-          const Track& track = tracks_[i];
-          Eigen::Vector3d& xyz = (*new_points)[i];
-          xyz = *track.xyz;
-          if (left_out_[i]) continue;
-          xyz -= point_steps_[i];
-          const double* stored = &back_blocks_[back_block_begins_[i]];
-          for (size_t k = 0; k < track.length; ++k) {
-            const size_t camera_idx = track.observations[k].camera_idx;
-            const Eigen::Map<const ParamsBlock> block(
-                stored, params_.SizeOf(camera_idx), 3);
-            stored += block.size();
-            xyz -= block.transpose() *
-                   step.segment(params_.offsets[camera_idx], block.rows());
-          }
-          if (!(track_solver.Cost(track, new_states, xyz) <=
-                track_solver.Cost(track, new_states, *track.xyz))) {
-            xyz = *track.xyz;
-          }
-          costs[chunk] += track_solver.Minimize(track, new_states, &xyz).cost;
-        }
-      });
+  ParallelForChunks(tracks_.size(),
+                    [&](size_t chunk, size_t begin, size_t end) {
+                      for (size_t i = begin; i < end; ++i) {
+                        Eigen::Vector3d& xyz = (*new_points)[i];
+                        xyz = *tracks_[i].xyz;
+                        if (left_out_[i]) continue;
+                        costs[chunk] += StepTrack(i, step, new_states, &xyz);
+                      }
+                    });
   return Sum(*scene_.ranks, std::accumulate(costs.begin(), costs.end(), 0.0));
+}
+
+double PointElimination::LeaveOutObstacle(const Eigen::VectorXd& step,
+                                          const States& states,
+                                          const States& states_ahead,
+                                          const States& states_behind) {
+  std::vector<double> jumps(tracks_.size(), 0.0);
+  ParallelForChunks(tracks_.size(), [&](size_t, size_t begin, size_t end) {
+    for (size_t i = begin; i < end; ++i) {
+      if (left_out_[i]) continue;
+      Eigen::Vector3d xyz;
+      const double jump =
+          StepTrack(i, step, states_ahead, &xyz) +
+          StepTrack(i, -step, states_behind, &xyz) -
+          2.0 * track_solver_->Cost(tracks_[i], states, *tracks_[i].xyz);
+      jumps[i] = std::isnan(jump) ? std::numeric_limits<double>::infinity()
+                                  : std::abs(jump);
+    }
+  });
+  const auto largest = std::max_element(jumps.begin(), jumps.end());
+  const std::vector<double> by_rank =
+      Concatenate(*scene_.ranks,
+                  std::vector<double>{largest == jumps.end() ? 0.0 : *largest});
+  const auto rank =
+      std::max_element(by_rank.begin(), by_rank.end()) - by_rank.begin();
+  if (rank == scene_.ranks->Rank() && largest != jumps.end()) {
+    left_out_[static_cast<size_t>(largest - jumps.begin())] = 1;
+  }
+  return MinimizePoints(states);
 }
 
 double PointElimination::MinimizePoints(const States& states) {

@@ -68,6 +68,14 @@ class PointElimination {
   // whether anything changed, and then the cost.
   bool ImprovePoints(const States& states, double* cost);
 
+  // Leaves out, for good, the track in the way of a solve that stalls: of all
+  // ranks the one whose cost is least smooth along the step that the last
+  // normal equations gave, by its second difference. Returns the cost.
+  double LeaveOutObstacle(const Eigen::VectorXd& step,
+                          const States& states,
+                          const States& states_ahead,
+                          const States& states_behind);
+
   // The part of features and cost maps.
   double FeatureCost(const States& states) const;
 
@@ -83,6 +91,12 @@ class PointElimination {
   };
 
   bool LeavesOut(const TrackSolver::Minimum& minimum) const;
+
+  // Cost of a track after the step, and its point: see TryStep.
+  double StepTrack(size_t track_idx,
+                   const Eigen::VectorXd& step,
+                   const States& new_states,
+                   Eigen::Vector3d* xyz) const;
 
   void CollectTracks(Estimate* estimate);
   // Those of one frame, from the given places on. `squared_residuals`: of its

@@ -28,6 +28,9 @@ constexpr Draw kDraws[] = {
     {"ThinPrism", "THIN_PRISM_FISHEYE", 16, 2, 984, 0.724, 0.286, 0.0281, 3.73, 0.0083, 25},
     {"FewFullOpenCV", "FULL_OPENCV", 7, 2, 490, 0.277, 0.165, 0.0293, 1.27, 0.0098, 41},
     {"Fov", "FOV", 24, 7, 160, 0.907, 0.076, 0.004, 6.81, 0.01, 52},
+    // A point whose minimum vanished just ahead of the solution held these up.
+    {"FovOneFrame", "FOV", 22, 1, 165, 0.27, 0.2, 0.0235, 6.6, 0.0026, 1097},
+    {"FovOutliers", "FOV", 19, 5, 278, 0.56, 0.24, 0.0173, 1.3, 0.0009, 1059},
     // clang-format on
 };
 
