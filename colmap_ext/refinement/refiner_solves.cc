@@ -189,8 +189,14 @@ Start EvaluateStart(const MultiFrameOptions& options, SceneEstimate start) {
 Contradictions DescribeContradictions(
     const Scene& scene,
     const std::vector<ExtrinsicsContradiction>& contradictions) {
+  // Fewer keypoints, some of them wrong, contradict anything.
+  constexpr size_t kMinNumObservations = 30;
+  const std::vector<size_t> num_observations = NumObservationsByCamera(scene);
   Contradictions described;
   for (const ExtrinsicsContradiction& contradiction : contradictions) {
+    if (num_observations[contradiction.camera_idx] < kMinNumObservations) {
+      continue;
+    }
     described[scene.cameras[contradiction.camera_idx].name] =
         host::StringPrintf(
             "its residuals are %.2f px, the median camera's %.2f px, its own "

@@ -17,6 +17,8 @@ constexpr double kMaxStds = 5.0;
 constexpr double kMaxFocalStdsOfFew = 45.0;
 constexpr double kMaxPrincipalPointStdsOfFew = 15.0;
 
+// Fewer keypoints, some of them wrong, make any pose.
+constexpr size_t kMinNumObservations = 30;
 constexpr double kMinAngleDeg = 0.05;
 constexpr double kMinScatterRatio = 4.0;
 constexpr double kMinOthersRatio = 5.0;
@@ -214,8 +216,8 @@ std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                                                     const Estimate& estimate) {
   const std::vector<std::vector<Eigen::Vector3d>> rotations =
       RotationVectors(scene, estimate);
-  const std::vector<double> errors =
-      ErrorsOfFew(NumObservationsByCamera(scene));
+  const std::vector<size_t> num_observations = NumObservationsByCamera(scene);
+  const std::vector<double> errors = ErrorsOfFew(num_observations);
   std::vector<PoseDisagreement> disagreements(scene.cameras.size());
   for (size_t i = 0; i < rotations.size(); ++i) {
     if (rotations[i].empty()) continue;
@@ -249,6 +251,7 @@ std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                         return rotation.norm() > min_angle;
                       });
     camera.is_moved =
+        num_observations[i] >= kMinNumObservations &&
         camera.angle_deg > min_angle &&
         2 * static_cast<size_t>(num_disagreeing) > rotations[i].size();
   }

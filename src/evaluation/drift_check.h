@@ -61,7 +61,7 @@ struct PoseDisagreement {
 // with those of the scene's cameras. A camera is moved if its angle is above
 // 0.05 degrees, 4 times its scatter and 5 times the angle of the other cameras
 // (w as above times that, for a camera with few observations), in most of the
-// frames that it is in. Frames whose poses are RIG's own tell
+// frames that it is in, and if it has 30 observations at least. Frames whose poses are RIG's own tell
 // nothing.
 std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                                                     const Estimate& estimate);
