@@ -90,7 +90,7 @@ LogOptions ParseOptions(const std::vector<std::string>& arguments,
       ReportAsColmap3(static_cast<int>(argv.size()), argv.data(), *manager);
   // COLMAP 4 would take another for stderr_and_file.
   CheckLogTarget(log.target);
-  MakeLogFolder(log.path);
+  if (log.target.find("file") != std::string::npos) MakeLogFolder(log.path);
   if (!manager->Parse(static_cast<int>(argv.size()), argv.data())) {
     std::exit(EXIT_FAILURE);
   }
