@@ -90,7 +90,7 @@ LogOptions ParseOptions(const std::vector<std::string>& arguments,
       ReportAsColmap3(static_cast<int>(argv.size()), argv.data(), *manager);
   // COLMAP 4 would take another for stderr_and_file.
   CheckLogTarget(log.target);
-  if (log.target.find("file") != std::string::npos) MakeLogFolder(log.path);
+  if (log.ToFile()) MakeLogFolder(log.path);
   if (!manager->Parse(static_cast<int>(argv.size()), argv.data())) {
     std::exit(EXIT_FAILURE);
   }
@@ -100,8 +100,7 @@ LogOptions ParseOptions(const std::vector<std::string>& arguments,
   manager->AddDefaultOption("log_path", &log.path);
   manager->Parse(static_cast<int>(argv.size()), argv.data());
   CheckLogTarget(log.target);
-  FLAGS_logtostderr |=
-      log.target.rfind("std", 0) == 0 && log.target != "stderr_and_file";
+  FLAGS_logtostderr |= !log.ToFile();
   if (!log.path.empty()) FLAGS_log_dir = log.path;
 #endif
   // COLMAP 3.8 makes glog verbose, and with it Ceres.

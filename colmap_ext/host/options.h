@@ -25,12 +25,16 @@ struct LogOptions {
   // "stderr", "stdout", "file" or "stderr_and_file".
   std::string target = "stderr_and_file";
   std::string path;
+
+  bool ToFile() const {
+    return target == "file" || target == "stderr_and_file";
+  }
 };
 
 // Parses "--name value" and "--name=value"; `arguments` has no --project_path.
 // With --help: prints the options and exits with 0. Exits with 1 and a line on
-// stderr for a value that cannot be read. Throws OutputError for a log_path that
-// cannot be made.
+// stderr for a value that cannot be read. Throws OutputError for a log_path
+// that cannot be made.
 LogOptions ParseOptions(const std::vector<std::string>& arguments,
                         OptionManager* manager);
 

@@ -95,10 +95,7 @@ void BeginLogFile(const host::LogOptions& options,
                   const std::string& command,
                   const std::vector<std::string>& arguments) {
   const std::string& folder = options.path;
-  if (log_file != nullptr || folder.empty() ||
-      options.target.find("file") == std::string::npos) {
-    return;
-  }
+  if (log_file != nullptr || folder.empty() || !options.ToFile()) return;
   std::error_code ignored;
   fs::create_directories(folder, ignored);
   auto begun = std::make_unique<LogFile>(

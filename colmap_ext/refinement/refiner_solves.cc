@@ -189,12 +189,10 @@ Start EvaluateStart(const MultiFrameOptions& options, SceneEstimate start) {
 Contradictions DescribeContradictions(
     const Scene& scene,
     const std::vector<ExtrinsicsContradiction>& contradictions) {
-  // Fewer keypoints, some of them wrong, contradict anything.
-  constexpr size_t kMinNumObservations = 30;
   const std::vector<size_t> num_observations = NumObservationsByCamera(scene);
   Contradictions described;
   for (const ExtrinsicsContradiction& contradiction : contradictions) {
-    if (num_observations[contradiction.camera_idx] < kMinNumObservations) {
+    if (num_observations[contradiction.camera_idx] < kMinJudgedObservations) {
       continue;
     }
     described[scene.cameras[contradiction.camera_idx].name] =

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "src/evaluation/extrinsics_check.h"
 #include "src/scene/residual_statistics.h"
 #include "src/util/median.h"
 
@@ -17,8 +18,6 @@ constexpr double kMaxStds = 5.0;
 constexpr double kMaxFocalStdsOfFew = 45.0;
 constexpr double kMaxPrincipalPointStdsOfFew = 15.0;
 
-// Fewer keypoints, some of them wrong, make any pose.
-constexpr size_t kMinNumObservations = 30;
 constexpr double kMinAngleDeg = 0.05;
 constexpr double kMinScatterRatio = 4.0;
 constexpr double kMinOthersRatio = 5.0;
@@ -251,7 +250,7 @@ std::vector<PoseDisagreement> FindPoseDisagreements(const Scene& scene,
                         return rotation.norm() > min_angle;
                       });
     camera.is_moved =
-        num_observations[i] >= kMinNumObservations &&
+        num_observations[i] >= kMinJudgedObservations &&
         camera.angle_deg > min_angle &&
         2 * static_cast<size_t>(num_disagreeing) > rotations[i].size();
   }

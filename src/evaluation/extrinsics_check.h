@@ -23,6 +23,10 @@ std::vector<double> OwnSquaredResiduals(const Scene& scene,
                                         const Estimate& estimate,
                                         int num_threads = -1);
 
+// Cameras with fewer are not named as wrong: so few keypoints, some of them
+// wrong, make any pose and contradict anything.
+inline constexpr size_t kMinJudgedObservations = 30;
+
 struct ExtrinsicsContradiction {
   size_t camera_idx = 0;
   double std_px = 0.0;         // under the known extrinsics, after refinement
