@@ -11,7 +11,7 @@
 #include "cuda/cuda_calls.h"
 #include "cuda/dense_sift_gpu.h"
 #include "cuda/warp_group.h"
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {

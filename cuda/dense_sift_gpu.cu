@@ -5,7 +5,7 @@
 
 #include "cuda/cost_maps_gpu.h"
 #include "cuda/warp_group.h"
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {

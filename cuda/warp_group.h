@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include "src/util/thread_group.h"
+#include "src/parallel/thread_group.h"
 
 // Functions of groups are only called on the GPU; they are declared for both
 // since the functions that call them are.

@@ -9,8 +9,8 @@ cd "${1:-$(dirname "${BASH_SOURCE[0]}")/..}"
 
 # Bottom to top. A room may include itself and those before it.
 rooms=(
-  src/util src/geometry src/sensor src/scene cuda src/dense src/patches
-  src/feature src/estimators src/evaluation src/report src/report_page src/refinement
+  src/util src/parallel src/geometry src/sensor src/scene src/selection cuda src/dense src/patches
+  src/feature src/residuals src/estimators src/evaluation src/report src/report_page src/refinement
   src/simulation
   colmap_ext/host colmap_ext/io colmap_ext/models colmap_ext/rig_formats colmap_ext/rigs colmap_ext/options
   colmap_ext/feature colmap_ext/frames colmap_ext/simulation

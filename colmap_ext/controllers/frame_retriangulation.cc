@@ -8,8 +8,8 @@
 #include "colmap_ext/controllers/parallel_log.h"
 #include "colmap_ext/host/database.h"
 #include "colmap_ext/host/util.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -5,11 +5,11 @@
 #include <map>
 
 #include "colmap_ext/controllers/pair_tolerance.h"
-#include "src/estimators/epipolar_drift.h"
 #include "src/feature/descriptor_products.h"
+#include "src/feature/epipolar_drift.h"
 #include "src/feature/guided_matching.h"
 #include "src/geometry/epipolar_tolerance.h"
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {

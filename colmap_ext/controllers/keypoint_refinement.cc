@@ -9,9 +9,9 @@
 #include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/host/util.h"
 #include "cuda/patch_alignment_gpu.h"
+#include "src/parallel/parallel_for.h"
 #include "src/patches/track_refinement.h"
 #include "src/util/gpu_choice.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

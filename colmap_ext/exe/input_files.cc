@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "colmap_ext/io/file_hash.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

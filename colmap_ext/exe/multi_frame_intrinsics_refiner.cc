@@ -15,8 +15,8 @@
 #include "colmap_ext/refinement/refiner_result.h"
 #include "colmap_ext/refinement/refiner_solves.h"
 #include "colmap_ext/result/result_writer.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

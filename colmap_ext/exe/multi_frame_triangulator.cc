@@ -26,9 +26,9 @@
 #include "colmap_ext/io/work_folder.h"
 #include "colmap_ext/models/model_io.h"
 #include "colmap_ext/options/triangulator_options.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

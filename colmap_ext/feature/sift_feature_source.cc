@@ -7,7 +7,7 @@
 #include "colmap_ext/host/dense_sift.h"
 #include "colmap_ext/host/image_file.h"
 #include "src/dense/dense_sift_kernels.h"
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {

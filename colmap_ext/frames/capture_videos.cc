@@ -16,8 +16,8 @@
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/quiet_opencv.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 #include "src/util/parse_number.h"
 
 namespace mfir {

@@ -9,8 +9,8 @@
 #include "colmap_ext/frames/frames.h"
 #include "src/geometry/alignment.h"
 #include "src/geometry/pose_conventions.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -8,8 +8,8 @@
 #include "colmap_ext/feature/sift_extractor.h"
 #include "colmap_ext/models/model_io.h"
 #include "colmap_ext/rigs/rig_scaling.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -6,8 +6,8 @@
 #include "colmap_ext/frames/frames.h"
 #include "colmap_ext/models/camera_models.h"
 #include "src/geometry/alignment.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

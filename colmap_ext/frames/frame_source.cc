@@ -7,7 +7,7 @@
 #include <set>
 #include <utility>
 
-#include "colmap_ext/host/reconstruction_parts.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/models/model_frames.h"
 #include "colmap_ext/models/model_io.h"

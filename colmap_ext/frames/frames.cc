@@ -10,10 +10,10 @@
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/rigs/rig_scaling.h"
-#include "src/scene/frame_choice.h"
+#include "src/parallel/parallel_for.h"
+#include "src/selection/frame_choice.h"
 #include "src/sensor/camera_conversion.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -10,11 +10,11 @@
 
 #include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/rigs/rig_io.h"
+#include "src/parallel/communicator.h"
 #include "src/refinement/options.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 #include "src/sensor/unmatched_names.h"
-#include "src/util/communicator.h"
 
 namespace mfir {
 

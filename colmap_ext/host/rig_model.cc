@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "colmap_ext/host/reconstruction_parts.h"
+#include "colmap_ext/host/reconstruction.h"
 
 namespace mfir::host {
 

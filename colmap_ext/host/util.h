@@ -9,11 +9,13 @@
 #include "colmap/util/string.h"
 #include "colmap/util/threading.h"
 #include "colmap/util/timer.h"
+#include "colmap/util/version.h"
 #else
 #include "util/math.h"
 #include "util/string.h"
 #include "util/threading.h"
 #include "util/timer.h"
+#include "util/version.h"
 #endif
 
 namespace mfir::host {
@@ -26,6 +28,6 @@ using colmap::StringTrim;
 using colmap::Timer;
 
 // "COLMAP 3.8"
-std::string VersionInfo();
+inline std::string VersionInfo() { return colmap::GetVersionInfo(); }
 
 }  // namespace mfir::host

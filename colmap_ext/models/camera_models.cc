@@ -8,7 +8,7 @@
 
 #include "colmap_ext/host/camera_models.h"
 #include "colmap_ext/host/util.h"
-#include "src/estimators/linearization.h"
+#include "src/residuals/linearization.h"
 
 namespace mfir {
 namespace {

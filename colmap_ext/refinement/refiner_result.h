@@ -10,7 +10,7 @@
 #include "colmap_ext/refinement/refiner_solves.h"
 #include "src/evaluation/drift_check.h"
 #include "src/evaluation/extrinsics_check.h"
-#include "src/scene/static_points.h"
+#include "src/selection/static_points.h"
 
 namespace mfir {
 

@@ -9,8 +9,8 @@
 #include "colmap_ext/refinement/multi_frame_bundle_adjuster.h"
 #include "colmap_ext/refinement/scene_features.h"
 #include "src/evaluation/extrinsics_check.h"
-#include "src/scene/held_out_tracks.h"
 #include "src/scene/residual_statistics.h"
+#include "src/selection/held_out_tracks.h"
 
 namespace mfir {
 namespace {

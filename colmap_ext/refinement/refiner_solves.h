@@ -17,8 +17,8 @@
 #include "src/refinement/refinement.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
-#include "src/scene/selection.h"
-#include "src/scene/static_points.h"
+#include "src/selection/selection.h"
+#include "src/selection/static_points.h"
 
 namespace mfir {
 

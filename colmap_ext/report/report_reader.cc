@@ -11,10 +11,10 @@
 #include "colmap_ext/models/model_io.h"
 #include "colmap_ext/report/example_images.h"
 #include "colmap_ext/report/summary_reader.h"
+#include "src/parallel/parallel_for.h"
 #include "src/report/html.h"
 #include "src/report/residuals.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -11,9 +11,9 @@
 #include "colmap_ext/report/report_reader.h"
 #include "colmap_ext/result/capture_model.h"
 #include "colmap_ext/rigs/rig_io.h"
+#include "src/parallel/parallel_for.h"
 #include "src/report_page/report_page.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

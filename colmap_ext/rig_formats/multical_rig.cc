@@ -1,9 +1,9 @@
 #include <map>
 
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/json_file.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
-#include "colmap_ext/rig_formats/json_file.h"
 
 namespace mfir {
 namespace {

@@ -2,9 +2,9 @@
 // loader of ScanNet++ reads. Source: DUSt3R, dust3r/datasets/scannetpp.py,
 // dust3r/cloud_opt/modular_optimizer.py (preset_pose, preset_intrinsics).
 
+#include "colmap_ext/io/npz_file.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
-#include "colmap_ext/rig_formats/npz_file.h"
 #include "src/util/errors.h"
 
 namespace mfir {

@@ -3,11 +3,11 @@
 #include <Eigen/Geometry>
 
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/json_file.h"
 #include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/models/model_check.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
-#include "colmap_ext/rig_formats/json_file.h"
 #include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
 

@@ -6,8 +6,8 @@
 #include <system_error>
 
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/json_file.h"
 #include "colmap_ext/models/model_io.h"
-#include "colmap_ext/rig_formats/json_file.h"
 #include "src/util/errors.h"
 
 namespace mfir {

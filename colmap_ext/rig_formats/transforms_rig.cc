@@ -2,9 +2,9 @@
 #include <set>
 
 #include "colmap_ext/io/input_file.h"
+#include "colmap_ext/io/json_file.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
-#include "colmap_ext/rig_formats/json_file.h"
 #include "src/util/errors.h"
 
 namespace mfir {

@@ -8,8 +8,8 @@
 #include "colmap_ext/host/bundle_adjustment.h"
 #include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/simulation/simulated_rig.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

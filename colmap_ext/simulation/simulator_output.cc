@@ -12,9 +12,9 @@
 #include "colmap_ext/models/model_io.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "colmap_ext/simulation/simulator.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

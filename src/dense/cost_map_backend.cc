@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 // Compiled for several instruction sets, of which the machine's best is used.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)

@@ -14,8 +14,8 @@
 #include <cstdint>
 
 #include "src/geometry/cubic_interpolation.h"
+#include "src/parallel/thread_group.h"
 #include "src/util/half_float.h"
-#include "src/util/thread_group.h"
 
 namespace mfir {
 

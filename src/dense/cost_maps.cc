@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "src/dense/cost_map_backend.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
 #include "src/util/gpu_choice.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -9,9 +9,9 @@
 #include <Eigen/Dense>
 #include <Eigen/Eigenvalues>
 
+#include "src/parallel/parallel_for.h"
 #include "src/util/half_float.h"
 #include "src/util/median.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

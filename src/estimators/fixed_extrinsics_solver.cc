@@ -13,9 +13,9 @@
 #include <Eigen/Eigenvalues>
 
 #include "src/estimators/free_params.h"
-#include "src/estimators/linearization.h"
 #include "src/estimators/normal_equations.h"
 #include "src/estimators/point_elimination.h"
+#include "src/residuals/linearization.h"
 
 namespace mfir {
 namespace {

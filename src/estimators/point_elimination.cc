@@ -8,8 +8,8 @@
 
 #include <Eigen/Dense>
 
-#include "src/estimators/noise_samples.h"
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
+#include "src/residuals/noise_samples.h"
 
 namespace mfir {
 namespace {

@@ -13,9 +13,9 @@
 
 #include "src/estimators/fixed_extrinsics_solver.h"
 #include "src/estimators/free_params.h"
-#include "src/estimators/linearization.h"
 #include "src/estimators/normal_equations.h"
 #include "src/estimators/track_solver.h"
+#include "src/residuals/linearization.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 

@@ -7,7 +7,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 
-#include "src/estimators/linearization.h"
+#include "src/residuals/linearization.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 

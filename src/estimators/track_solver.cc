@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "src/estimators/featuremetric_residual.h"
+#include "src/residuals/featuremetric_residual.h"
 
 namespace mfir {
 namespace {

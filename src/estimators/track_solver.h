@@ -10,8 +10,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
-#include "src/estimators/linearization.h"
 #include "src/estimators/ray_intersection.h"
+#include "src/residuals/linearization.h"
 #include "src/scene/scene.h"
 
 namespace mfir {

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <limits>
 
+#include "src/parallel/order_statistics.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/median.h"
-#include "src/util/order_statistics.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -24,7 +24,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "src/util/thread_group.h"
+#include "src/parallel/thread_group.h"
 
 namespace mfir {
 

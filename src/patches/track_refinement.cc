@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "src/parallel/parallel_for.h"
 #include "src/patches/track_refiner.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <utility>
 
+#include "src/parallel/parallel_for.h"
 #include "src/patches/patch_slope.h"
 #include "src/patches/point_fit.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -5,9 +5,9 @@
 #include <utility>
 #include <vector>
 
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
 #include "src/util/option_checks.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 

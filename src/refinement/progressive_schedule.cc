@@ -7,10 +7,10 @@
 
 #include <ceres/manifold.h>
 
-#include "src/estimators/featuremetric_residual.h"
 #include "src/estimators/free_params.h"
 #include "src/refinement/priors.h"
 #include "src/refinement/refinement.h"
+#include "src/residuals/featuremetric_residual.h"
 #include "src/scene/residual_statistics.h"
 #include "src/util/errors.h"
 

@@ -9,12 +9,12 @@
 #include <ceres/loss_function.h>
 
 #include "src/estimators/fixed_extrinsics_solver.h"
-#include "src/estimators/noise_samples.h"
-#include "src/estimators/scale_mixture_loss.h"
 #include "src/refinement/initial_intrinsics.h"
-#include "src/scene/overlapping_tracks.h"
+#include "src/residuals/noise_samples.h"
+#include "src/residuals/scale_mixture_loss.h"
 #include "src/scene/residual_statistics.h"
-#include "src/scene/static_point_search.h"
+#include "src/selection/overlapping_tracks.h"
+#include "src/selection/static_point_search.h"
 
 namespace mfir {
 namespace {

@@ -7,9 +7,9 @@
 
 #include <Eigen/Core>
 
-#include "src/estimators/scale_mixture_loss.h"
 #include "src/refinement/options.h"
 #include "src/refinement/stage.h"
+#include "src/residuals/scale_mixture_loss.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
 

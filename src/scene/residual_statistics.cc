@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "src/util/order_statistics.h"
+#include "src/parallel/order_statistics.h"
 
 namespace mfir {
 

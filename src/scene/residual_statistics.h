@@ -4,8 +4,8 @@
 
 #include <vector>
 
+#include "src/parallel/communicator.h"
 #include "src/scene/scene.h"
-#include "src/util/communicator.h"
 
 namespace mfir {
 

@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "src/geometry/rigid3.h"
+#include "src/parallel/communicator.h"
 #include "src/sensor/camera_model.h"
-#include "src/util/communicator.h"
 
 namespace mfir {
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

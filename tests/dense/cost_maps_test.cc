@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "src/dense/cost_map_kernels.h"
-#include "src/estimators/featuremetric_residual.h"
+#include "src/residuals/featuremetric_residual.h"
 #include "src/util/errors.h"
 #include "tests/support/test_features.h"
 #include "tests/support/test_scenes.h"

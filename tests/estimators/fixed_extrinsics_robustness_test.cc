@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "src/estimators/noise_samples.h"
+#include "src/residuals/noise_samples.h"
 #include "tests/support/test_scenes.h"
 
 namespace mfir {

@@ -4,7 +4,7 @@
 #include <filesystem>
 #include <functional>
 
-#include "colmap_ext/host/reconstruction_parts.h"
+#include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/host/rig_model.h"
 #include "tests/support/frames_file.h"
 #include "tests/support/refiner_runner.h"

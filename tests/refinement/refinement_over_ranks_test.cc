@@ -10,10 +10,10 @@
 #include "src/evaluation/extrinsics_check.h"
 #include "src/refinement/initial_intrinsics.h"
 #include "src/refinement/refinement.h"
-#include "src/scene/held_out_tracks.h"
 #include "src/scene/residual_statistics.h"
-#include "src/scene/static_point_search.h"
-#include "src/scene/static_points.h"
+#include "src/selection/held_out_tracks.h"
+#include "src/selection/static_point_search.h"
+#include "src/selection/static_points.h"
 #include "tests/support/test_scenes.h"
 #include "tests/support/thread_ranks.h"
 

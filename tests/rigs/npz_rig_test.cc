@@ -2,7 +2,7 @@
 
 #include <limits>
 
-#include "colmap_ext/rig_formats/npz_file.h"
+#include "colmap_ext/io/npz_file.h"
 #include "colmap_ext/rigs/rig_io.h"
 #include "tests/support/rig_examples.h"
 #include "tests/support/test_files.h"

@@ -8,7 +8,7 @@
 
 #include "src/dense/cost_map_backend.h"
 #include "src/dense/dense_sift_kernels.h"
-#include "src/util/thread_group.h"
+#include "src/parallel/thread_group.h"
 
 namespace mfir {
 

@@ -11,7 +11,7 @@
 #include <thread>
 #include <vector>
 
-#include "src/util/communicator.h"
+#include "src/parallel/communicator.h"
 
 namespace mfir {
 

@@ -1,8 +1,8 @@
-#include "src/scene/selection.h"
+#include "src/selection/selection.h"
 
 #include <utility>
 
-#include "src/util/parallel_for.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "src/scene/scene.h"
-#include "src/scene/selection.h"
+#include "src/selection/selection.h"
 
 namespace mfir {
 

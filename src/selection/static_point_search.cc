@@ -1,12 +1,12 @@
-#include "src/scene/static_point_search.h"
+#include "src/selection/static_point_search.h"
 
 #include <algorithm>
 #include <cstring>
 #include <string>
 #include <utility>
 
+#include "src/parallel/parallel_for.h"
 #include "src/scene/keypoint_grid.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -1,4 +1,4 @@
-#include "src/estimators/scale_mixture_loss.h"
+#include "src/residuals/scale_mixture_loss.h"
 
 #include <algorithm>
 #include <cmath>

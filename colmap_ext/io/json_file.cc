@@ -1,4 +1,4 @@
-#include "colmap_ext/rig_formats/json_file.h"
+#include "colmap_ext/io/json_file.h"
 
 #include <cmath>
 #include <set>

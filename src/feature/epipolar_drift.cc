@@ -1,4 +1,4 @@
-#include "src/estimators/epipolar_drift.h"
+#include "src/feature/epipolar_drift.h"
 
 #include <algorithm>
 #include <array>

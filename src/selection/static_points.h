@@ -7,7 +7,7 @@
 #include <string>
 
 #include "src/scene/scene.h"
-#include "src/scene/selection.h"
+#include "src/selection/selection.h"
 
 namespace mfir {
 

@@ -1,10 +1,10 @@
-#include "src/scene/static_points.h"
+#include "src/selection/static_points.h"
 
 #include <cstdint>
 #include <map>
 #include <utility>
 
-#include "src/scene/static_point_search.h"
+#include "src/selection/static_point_search.h"
 #include "src/util/errors.h"
 #include "src/util/median.h"
 

@@ -1,4 +1,4 @@
-#include "src/util/mpi_communicator.h"
+#include "src/parallel/mpi_communicator.h"
 
 #include <algorithm>
 #include <chrono>

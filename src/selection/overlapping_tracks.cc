@@ -1,12 +1,12 @@
-#include "src/scene/overlapping_tracks.h"
+#include "src/selection/overlapping_tracks.h"
 
 #include <algorithm>
 #include <iterator>
 #include <map>
 #include <utility>
 
+#include "src/parallel/parallel_for.h"
 #include "src/scene/keypoint_grid.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 namespace {

@@ -4,7 +4,7 @@
 
 #include <memory>
 
-#include "src/util/communicator.h"
+#include "src/parallel/communicator.h"
 
 namespace mfir {
 

@@ -1,4 +1,4 @@
-#include "src/estimators/featuremetric_residual.h"
+#include "src/residuals/featuremetric_residual.h"
 
 #include <limits>
 #include <memory>

@@ -10,8 +10,8 @@
 #include <ceres/cost_function.h>
 #include <Eigen/Core>
 
-#include "src/estimators/linearization.h"
 #include "src/geometry/cubic_interpolation.h"
+#include "src/residuals/linearization.h"
 #include "src/scene/scene.h"
 #include "src/sensor/camera_model.h"
 

@@ -1,4 +1,4 @@
-#include "src/scene/static_points.h"
+#include "src/selection/static_points.h"
 
 #include <cmath>
 
@@ -6,8 +6,8 @@
 
 #include "src/refinement/initial_intrinsics.h"
 #include "src/refinement/refinement.h"
-#include "src/scene/held_out_tracks.h"
-#include "src/scene/static_point_search.h"
+#include "src/selection/held_out_tracks.h"
+#include "src/selection/static_point_search.h"
 #include "src/util/errors.h"
 #include "tests/support/test_scenes.h"
 

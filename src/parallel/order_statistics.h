@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "src/util/communicator.h"
+#include "src/parallel/communicator.h"
 
 namespace mfir {
 

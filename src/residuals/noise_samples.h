@@ -7,9 +7,9 @@
 
 #include <ceres/loss_function.h>
 
+#include "src/parallel/communicator.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
-#include "src/util/communicator.h"
 
 namespace mfir {
 

@@ -1,4 +1,4 @@
-#include "src/scene/frame_choice.h"
+#include "src/selection/frame_choice.h"
 
 #include <gtest/gtest.h>
 

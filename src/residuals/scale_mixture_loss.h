@@ -4,7 +4,7 @@
 
 #include <ceres/loss_function.h>
 
-#include "src/estimators/noise_samples.h"
+#include "src/residuals/noise_samples.h"
 
 #include <vector>
 

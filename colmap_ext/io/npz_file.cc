@@ -1,4 +1,4 @@
-#include "colmap_ext/rig_formats/npz_file.h"
+#include "colmap_ext/io/npz_file.h"
 
 #include <algorithm>
 #include <codecvt>

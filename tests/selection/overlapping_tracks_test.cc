@@ -1,4 +1,4 @@
-#include "src/scene/overlapping_tracks.h"
+#include "src/selection/overlapping_tracks.h"
 
 #include <algorithm>
 

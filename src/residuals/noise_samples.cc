@@ -1,4 +1,4 @@
-#include "src/estimators/noise_samples.h"
+#include "src/residuals/noise_samples.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,9 +8,9 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
-#include "src/estimators/linearization.h"
-#include "src/util/order_statistics.h"
-#include "src/util/parallel_for.h"
+#include "src/parallel/order_statistics.h"
+#include "src/parallel/parallel_for.h"
+#include "src/residuals/linearization.h"
 
 namespace mfir {
 namespace {

@@ -1,4 +1,4 @@
-#include "src/util/communicator.h"
+#include "src/parallel/communicator.h"
 
 #include <cmath>
 #include <limits>
@@ -6,8 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "src/parallel/order_statistics.h"
 #include "src/util/median.h"
-#include "src/util/order_statistics.h"
 #include "tests/support/thread_ranks.h"
 
 namespace mfir {

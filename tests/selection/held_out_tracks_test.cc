@@ -1,4 +1,4 @@
-#include "src/scene/held_out_tracks.h"
+#include "src/selection/held_out_tracks.h"
 
 #include <algorithm>
 
