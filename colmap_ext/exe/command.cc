@@ -10,10 +10,10 @@
 #include <string>
 
 #include "colmap_ext/options/log_file.h"
+#include "src/parallel/mpi_communicator.h"
+#include "src/parallel/parallel_for.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
-#include "src/util/mpi_communicator.h"
-#include "src/util/parallel_for.h"
 
 namespace mfir {
 
@@ -57,6 +57,7 @@ Outcome RunBody(const std::function<void()>& body) {
     return {kExitBadInput, std::string(error.what()) + ". Correct the path."};
   } catch (const std::exception& error) {
     WaitIfInterrupted();
+    if (IsDatabaseFailure(error)) return {kExitOutput, kColmapCannotGoOn};
     return {kExitSolver, std::string("Unexpected failure: ") + error.what()};
   }
 }

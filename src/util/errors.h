@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <cstring>
 #include <stdexcept>
 #include <string>
 
@@ -44,5 +45,15 @@ struct OutputError : Error {
   explicit OutputError(const std::string& message)
       : Error(kExitOutput, message) {}
 };
+
+// SQLite failed in COLMAP's database, which COLMAP has logged: COLMAP 3.8 ends
+// the program, 4 throws this, from destructors, too.
+inline bool IsDatabaseFailure(const std::exception& error) {
+  return std::strstr(error.what(), "SQLite error") != nullptr;
+}
+
+// For both, with kExitOutput.
+inline constexpr char kColmapCannotGoOn[] =
+    "COLMAP cannot go on, the line before says why. Is the disk full?";
 
 }  // namespace mfir

@@ -13,6 +13,7 @@
 #include <fstream>
 #include <memory>
 #include <new>
+#include <string>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -107,6 +108,11 @@ void Print(const std::string& line) {
   EndProcess(line, exit_code);
 }
 
+[[noreturn]] void GiveUpDatabase() {
+  const std::string line = std::string("ERROR: ") + kColmapCannotGoOn + "\n";
+  GiveUp(line.c_str(), kExitOutput);
+}
+
 [[noreturn]] void EndAtUncaughtException() {
   try {
     const std::exception_ptr exception = std::current_exception();
@@ -117,6 +123,8 @@ void Print(const std::string& line) {
     if (error.code() == std::errc::resource_unavailable_try_again) {
       GiveUp(kOutOfMemory, kExitSolver);
     }
+  } catch (const std::exception& error) {
+    if (IsDatabaseFailure(error)) GiveUpDatabase();
   } catch (...) {
   }
   GiveUp("ERROR: Unexpected failure in a library.\n", kExitSolver);
@@ -127,10 +135,7 @@ void Print(const std::string& line) {
 void EndAtExit(int status, void*) {
   const State& state = GetState();
   if (!state.running || status == 0 || state.paths.empty()) return;
-  GiveUp(
-      "ERROR: COLMAP cannot go on, the line before says why. Is the disk "
-      "full?\n",
-      kExitOutput);
+  GiveUpDatabase();
 }
 
 }  // namespace

@@ -49,6 +49,19 @@ TEST(CleanFailures, ExitOfALibrary) {
              "^ERROR: COLMAP cannot go on[^\n]*\n$");
 }
 
+// As COLMAP 4 ends a failure of SQLite, from destructors, too.
+TEST(CleanFailures, DatabaseFailure) {
+  ExpectEnds(
+      [] {
+        std::thread([] {
+          throw std::runtime_error(
+              "[database.cc:50] SQLite error: database or disk is full");
+        }).join();
+      },
+      4,
+      "^ERROR: COLMAP cannot go on[^\n]*\n$");
+}
+
 // As while a result is published.
 TEST(CleanFailures, WithinASignalDelay) {
   ExpectEnds(
