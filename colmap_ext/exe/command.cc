@@ -62,7 +62,7 @@ Outcome RunBody(const std::function<void()>& body) {
   }
 }
 
-int Report(const Outcome& outcome) {
+int ReportOutcome(const Outcome& outcome) {
   if (outcome.exit_code != kExitSuccess) PrintError(outcome.message);
   return outcome.exit_code;
 }
@@ -77,13 +77,13 @@ int RunOverRanks(const std::function<void(const Communicator&)>& body) {
   Outcome outcome;
   ProcessGroup* group = nullptr;
   outcome = RunBody([&group]() { group = &Group(); });
-  if (group == nullptr) return Report(outcome);
+  if (group == nullptr) return ReportOutcome(outcome);
   ShareMachine(group->NumRanksOfMachine());
   // The others would say the same.
   if (!group->IsFirst()) EndSilentlyAtSignals();
   try {
     outcome = RunBody([&body, group]() { body(*group); });
-    if (group->Finish(&outcome.exit_code)) return Report(outcome);
+    if (group->Finish(&outcome.exit_code)) return ReportOutcome(outcome);
   } catch (const OtherRankFailed& failure) {
     outcome.exit_code = failure.exit_code;
   }

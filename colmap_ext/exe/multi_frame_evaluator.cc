@@ -34,7 +34,7 @@ struct EvaluatorOptions {
   std::string output_path;
 };
 
-EvaluatorOptions ParseOptions(int argc, char** argv) {
+EvaluatorOptions ParseEvaluatorOptions(int argc, char** argv) {
   EvaluatorOptions options;
   OptionParser parser;
   parser.SetHelp(
@@ -172,7 +172,7 @@ std::vector<FrameIntrinsics> ReadEstimates(const EvaluatorOptions& options,
 }
 
 // A file that exists may be the ground truth, or the summary of the result.
-void CheckOutput(const std::string& path) {
+void CheckEvaluatorOutput(const std::string& path) {
   std::error_code ignored;
   if (path.empty() || !fs::exists(path, ignored)) return;
   if (!fs::is_regular_file(path, ignored)) {
@@ -213,8 +213,8 @@ Evaluation Evaluate(const EvaluatorOptions& options) {
 
 int RunMultiFrameEvaluator(int argc, char** argv) {
   return RunCommand([argc, argv]() {
-    const EvaluatorOptions options = ParseOptions(argc, argv);
-    CheckOutput(options.output_path);
+    const EvaluatorOptions options = ParseEvaluatorOptions(argc, argv);
+    CheckEvaluatorOutput(options.output_path);
     const Evaluation evaluation = Evaluate(options);
     PrintEvaluation(evaluation, std::cout);
     if (!options.output_path.empty()) {

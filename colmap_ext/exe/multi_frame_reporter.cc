@@ -45,7 +45,7 @@ std::vector<std::string> TakeComparePaths(std::vector<char*>* arguments) {
   return paths;
 }
 
-ReporterOptions ParseOptions(int argc, char** argv) {
+ReporterOptions ParseReporterOptions(int argc, char** argv) {
   ReporterOptions options;
   std::vector<char*> arguments(argv, argv + argc);
   options.compare_paths = TakeComparePaths(&arguments);
@@ -77,7 +77,7 @@ ReporterOptions ParseOptions(int argc, char** argv) {
 }
 
 // What is there already must be a report: it could be anything.
-void CheckOutput(const std::string& path) {
+void CheckReporterOutput(const std::string& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) return;
   if (!fs::is_regular_file(path, ignored)) {
@@ -97,8 +97,8 @@ void CheckOutput(const std::string& path) {
 
 int RunMultiFrameReporter(int argc, char** argv) {
   return RunCommand([argc, argv]() {
-    const ReporterOptions options = ParseOptions(argc, argv);
-    CheckOutput(options.output_path);
+    const ReporterOptions options = ParseReporterOptions(argc, argv);
+    CheckReporterOutput(options.output_path);
     const Report report = ReadReport(
         options.input_path, options.input_path, options.compare_paths);
     ReplaceFile(options.output_path, MakeReportPage(report));

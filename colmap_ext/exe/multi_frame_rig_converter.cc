@@ -28,7 +28,7 @@ struct ConverterOptions {
   std::string frame_name_regex;
 };
 
-ConverterOptions ParseOptions(int argc, char** argv) {
+ConverterOptions ParseConverterOptions(int argc, char** argv) {
   ConverterOptions options;
   OptionParser parser;
   parser.SetHelp(
@@ -65,7 +65,8 @@ ConverterOptions ParseOptions(int argc, char** argv) {
 }
 
 // What is there may be replaced if it is a rig of the same format.
-void CheckOutput(const ConverterOptions& options, const RigFormat& format) {
+void CheckConverterOutput(const ConverterOptions& options,
+                          const RigFormat& format) {
   std::error_code error;
   if (!fs::exists(options.output_path, error)) return;
   if (fs::equivalent(options.input_path, options.output_path, error)) {
@@ -120,7 +121,7 @@ void Convert(const ConverterOptions& options) {
                     CameraNaming(options.camera_name_regex),
                     options.extrinsics_pixel_offset);
   const RigFormat& format = FindRigFormat("--output_type", options.output_type);
-  CheckOutput(options, format);
+  CheckConverterOutput(options, format);
   FindImageSizes(options, &rig);
   for (const std::string& remark : rig.remarks) {
     std::cout << remark << std::endl;
@@ -137,7 +138,8 @@ void Convert(const ConverterOptions& options) {
 }  // namespace
 
 int RunMultiFrameRigConverter(int argc, char** argv) {
-  return RunCommand([argc, argv]() { Convert(ParseOptions(argc, argv)); });
+  return RunCommand(
+      [argc, argv]() { Convert(ParseConverterOptions(argc, argv)); });
 }
 
 }  // namespace mfir

@@ -82,7 +82,9 @@ std::unique_ptr<DenseFeatureSource> ComputeFromImages(
   return MakeOnnxFeatureSource(features.onnx,
                                features.patch_size,
                                options.EffectiveNumThreads(),
-                               image_path);
+                               image_path,
+                               options.use_gpu,
+                               options.gpu_index);
 }
 
 bool SameFile(const std::string& a, const std::string& b) {

@@ -2,95 +2,24 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
 #include <map>
 
-#include <opencv2/dnn.hpp>
-
 #include "colmap_ext/feature/image_folder.h"
+#include "colmap_ext/feature/network.h"
 #include "colmap_ext/host/image_file.h"
-#include "colmap_ext/io/quiet_opencv.h"
 #include "src/feature/image_tiles.h"
 #include "src/util/errors.h"
 
 namespace mfir {
 namespace {
 
-std::string JoinNames(const std::vector<std::string>& names) {
-  std::string list;
-  for (const std::string& name : names) {
-    list += (list.empty() ? "'" : ", '") + name + "'";
-  }
-  return list;
-}
-
-// The network in the file, with one input and one output.
-class Network {
- public:
-  explicit Network(const OnnxFeatureOptions& options) : options_(options) {
-    std::error_code error;
-    if (!std::filesystem::is_regular_file(options.path, error)) {
-      throw InputError("--MultiFrame.onnx_path " + options.path +
-                       ": there is no such file.");
-    }
-    const QuietOpenCV quiet;
-    try {
-      net_ = cv::dnn::readNetFromONNX(options.path);
-      net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
-      net_.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
-    } catch (const cv::Exception& exception) {
-      throw InputError(options.path +
-                       ": OpenCV cannot read the network: " + exception.err);
-    }
-    output_name_ = options.output_name;
-    const std::vector<std::string> names = net_.getUnconnectedOutLayersNames();
-    if (output_name_.empty() && names.size() == 1) {
-      output_name_ = names[0];
-    } else if (output_name_.empty()) {
-      throw UsageError(options.path +
-                       " has several outputs: " + JoinNames(names) +
-                       ". Name one with --MultiFrame.onnx_output.");
-    }
-  }
-
-  // 1 x channels x height x width, of an input of the same kind.
-  cv::Mat Run(const cv::Mat& input) {
-    const QuietOpenCV quiet;
-    cv::Mat output;
-    try {
-      net_.setInput(input, options_.input_name);
-      output = net_.forward(output_name_);
-    } catch (const cv::Exception& exception) {
-      throw InputError(
-          options_.path + ": the network does not run on an input of 1 x " +
-          std::to_string(input.size[1]) + " x " +
-          std::to_string(input.size[2]) + " x " +
-          std::to_string(input.size[3]) + " (" + exception.err +
-          "). Export it with variable height and width, or set "
-          "--MultiFrame.onnx_fixed_size 1 and onnx_tile_size; check "
-          "--MultiFrame.onnx_input, onnx_output, onnx_color_order and "
-          "onnx_tile_alignment.");
-    }
-    if (output.dims != 4 || output.size[0] != 1 || output.type() != CV_32F) {
-      throw InputError(options_.path + ": the output '" + output_name_ +
-                       "' is not a map of 1 x channels x height x width of "
-                       "32-bit floats. Name another with "
-                       "--MultiFrame.onnx_output.");
-    }
-    return output;
-  }
-
- private:
-  const OnnxFeatureOptions& options_;
-  cv::dnn::Net net_;
-  std::string output_name_;
-};
-
 class OnnxFeatureSource : public DenseFeatureSource {
  public:
   OnnxFeatureSource(const OnnxFeatureOptions& options,
                     int patch_size,
                     int num_threads,
+                    int use_gpu,
+                    int gpu_index,
                     const std::string& image_path)
       : options_(options),
         patch_size_(patch_size),
@@ -98,8 +27,7 @@ class OnnxFeatureSource : public DenseFeatureSource {
         mean_(ParseNumberList("onnx_mean", options.mean)),
         std_(ParseNumberList("onnx_std", options.std)),
         num_input_channels_(options.color_order == "grey" ? 1 : 3),
-        network_(options_) {
-    cv::setNumThreads(num_threads);
+        network_(options, num_threads, use_gpu, gpu_index) {
     mean_.resize(num_input_channels_, mean_[0]);
     std_.resize(num_input_channels_, std_[0]);
     Probe();
@@ -261,9 +189,11 @@ std::unique_ptr<DenseFeatureSource> MakeOnnxFeatureSource(
     const OnnxFeatureOptions& options,
     int patch_size,
     int num_threads,
-    const std::string& image_path) {
+    const std::string& image_path,
+    int use_gpu,
+    int gpu_index) {
   return std::make_unique<OnnxFeatureSource>(
-      options, patch_size, num_threads, image_path);
+      options, patch_size, num_threads, use_gpu, gpu_index, image_path);
 }
 
 }  // namespace mfir

@@ -22,7 +22,7 @@ const size_t kMaxNameLength = 4096;
 
 using Ids = std::unordered_set<uint64_t>;
 
-Ids CheckCameras(const std::string& path, const std::string& copy) {
+Ids CheckBinaryCameras(const std::string& path, const std::string& copy) {
   BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(4 + 4 + 8 + 8);
@@ -59,10 +59,10 @@ std::vector<uint64_t> ReadPoint3DIds(BinaryFile* file) {
   return ids;
 }
 
-size_t CheckImages(const std::string& path,
-                   const std::string& copy,
-                   const Ids& camera_ids,
-                   TrackReferences* references) {
+size_t CheckBinaryImages(const std::string& path,
+                         const std::string& copy,
+                         const Ids& camera_ids,
+                         TrackReferences* references) {
   BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(4 + 7 * 8 + 4 + 1 + 8);
@@ -102,9 +102,9 @@ size_t CheckImages(const std::string& path,
   return num;
 }
 
-void CheckPoints3D(const std::string& path,
-                   const std::string& copy,
-                   const TrackReferences& references) {
+void CheckBinaryPoints3D(const std::string& path,
+                         const std::string& copy,
+                         const TrackReferences& references) {
   BinaryFile file(path, ReadInputFile(copy));
   Ids ids;
   const uint64_t num = file.ReadCount(8 + 3 * 8 + 3 + 8 + 8);
@@ -130,12 +130,12 @@ void CheckPoints3D(const std::string& path,
 }  // namespace
 
 size_t CheckBinaryModel(const ModelFiles& files, const ModelFiles& copies) {
-  const Ids camera_ids = CheckCameras(files.cameras, copies.cameras);
+  const Ids camera_ids = CheckBinaryCameras(files.cameras, copies.cameras);
   TrackReferences references;
   const size_t num_images =
-      CheckImages(files.images, copies.images, camera_ids, &references);
+      CheckBinaryImages(files.images, copies.images, camera_ids, &references);
   if (!files.points3D.empty()) {
-    CheckPoints3D(files.points3D, copies.points3D, references);
+    CheckBinaryPoints3D(files.points3D, copies.points3D, references);
   }
   return num_images;
 }

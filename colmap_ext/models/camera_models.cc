@@ -111,7 +111,7 @@ constexpr NamedModel kLaterModels[] = {{11, "RAD_TAN_THIN_PRISM_FISHEYE"},
                                        {16, "EUCM"},
                                        {17, "EQUIRECTANGULAR"}};
 
-std::string WhyNotSupported(const NamedModel& model) {
+std::string ReasonAgainst(const NamedModel& model) {
   return "the camera model " + std::string(model.name) +
          (model.id == 17 ? " has no intrinsics that could be refined"
                          : " of COLMAP 4 is not in " + host::VersionInfo() +
@@ -138,14 +138,14 @@ const CameraModel* FindCameraModel(const std::string& model_name) {
 
 std::optional<std::string> WhyNotSupported(int model_id) {
   for (const NamedModel& model : kLaterModels) {
-    if (model.id == model_id) return WhyNotSupported(model);
+    if (model.id == model_id) return ReasonAgainst(model);
   }
   return std::nullopt;
 }
 
 std::optional<std::string> WhyNotSupported(const std::string& model_name) {
   for (const NamedModel& model : kLaterModels) {
-    if (model.name == model_name) return WhyNotSupported(model);
+    if (model.name == model_name) return ReasonAgainst(model);
   }
   return std::nullopt;
 }

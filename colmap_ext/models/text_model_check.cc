@@ -40,7 +40,7 @@ TextFile OpenModelFile(const std::string& path, const std::string& copy) {
   return TextFile(path, ReadTextFile(copy), TextFile::Spacing::kOneSpace);
 }
 
-Ids CheckCameras(const std::string& path, const std::string& copy) {
+Ids CheckTextCameras(const std::string& path, const std::string& copy) {
   TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
@@ -114,10 +114,10 @@ std::vector<uint64_t> CheckObservationLine(TextFile* file) {
   return point3D_ids;
 }
 
-size_t CheckImages(const std::string& path,
-                   const std::string& copy,
-                   const Ids& camera_ids,
-                   TrackReferences* references) {
+size_t CheckTextImages(const std::string& path,
+                       const std::string& copy,
+                       const Ids& camera_ids,
+                       TrackReferences* references) {
   TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
@@ -133,9 +133,9 @@ size_t CheckImages(const std::string& path,
   return ids.size();
 }
 
-void CheckPoints3D(const std::string& path,
-                   const std::string& copy,
-                   const TrackReferences& references) {
+void CheckTextPoints3D(const std::string& path,
+                       const std::string& copy,
+                       const TrackReferences& references) {
   TextFile file = OpenModelFile(path, copy);
   Ids ids;
   while (file.NextContentLine()) {
@@ -161,12 +161,12 @@ void CheckPoints3D(const std::string& path,
 }  // namespace
 
 size_t CheckTextModel(const ModelFiles& files, const ModelFiles& copies) {
-  const Ids camera_ids = CheckCameras(files.cameras, copies.cameras);
+  const Ids camera_ids = CheckTextCameras(files.cameras, copies.cameras);
   TrackReferences references;
   const size_t num_images =
-      CheckImages(files.images, copies.images, camera_ids, &references);
+      CheckTextImages(files.images, copies.images, camera_ids, &references);
   if (!files.points3D.empty()) {
-    CheckPoints3D(files.points3D, copies.points3D, references);
+    CheckTextPoints3D(files.points3D, copies.points3D, references);
   }
   return num_images;
 }

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr int kMaxImageSize = 900;  // px
-constexpr size_t kMaxPoints = 400;
+constexpr size_t kMaxExamplePoints = 400;
 
 std::string Base64(const std::vector<uint8_t>& bytes) {
   static const char kDigits[] =
@@ -55,7 +55,7 @@ std::vector<ExamplePoint> Points(const host::Reconstruction& frame,
     points.push_back(
         {keypoint, ProjectPoint(model, params_before, pose, xyz), after});
   }
-  const size_t step = std::max<size_t>(1, points.size() / kMaxPoints);
+  const size_t step = std::max<size_t>(1, points.size() / kMaxExamplePoints);
   std::vector<ExamplePoint> some;
   for (size_t i = 0; i < points.size(); i += step) some.push_back(points[i]);
   return some;

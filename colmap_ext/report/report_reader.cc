@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr size_t kMaxPoints = 2500;  // in the picture of the array
+constexpr size_t kMaxArrayPoints = 2500;  // in the picture of the array
 constexpr int kNumBins = 48;
 constexpr double kHistogramStds = 6.0;
 
@@ -86,7 +86,7 @@ void AddScenePoints(const host::Reconstruction& frame, Report* report) {
     ids.push_back(id_and_point.first);
   }
   std::sort(ids.begin(), ids.end());
-  const size_t step = std::max<size_t>(1, ids.size() / kMaxPoints);
+  const size_t step = std::max<size_t>(1, ids.size() / kMaxArrayPoints);
   for (size_t i = 0; i < ids.size(); i += step) {
     const host::Point3D& point = frame.Point3D(ids[i]);
     // Simulated points have no colour.

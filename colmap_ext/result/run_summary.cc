@@ -8,6 +8,7 @@
 
 #include "colmap_ext/host/util.h"
 #include "colmap_ext/models/camera_models.h"
+#include "colmap_ext/result/version.h"
 #include "src/scene/residual_statistics.h"
 #include "src/util/cpu_time.h"
 
@@ -305,9 +306,9 @@ nlohmann::ordered_json MakeSummary(const OptionParser& options,
   Json summary = {
       {"schema_version", 1},
       {"tool",
-       {{"version", MFIR_VERSION},
+       {{"version", Version()},
         {"colmap_version", host::VersionInfo()},
-        {"git", MFIR_GIT_COMMIT}}},
+        {"git", GitCommit()}}},
       {"created", UtcNow()},
       {"options", options.ToJson()},
       {"inputs", report.inputs},

@@ -7,7 +7,7 @@ namespace mfir {
 namespace {
 
 // k1 k2 p1 p2 k3
-constexpr size_t kNumDistortion = 5;
+constexpr size_t kNumPanopticDistortion = 5;
 
 KnownCamera ReadCamera(const JsonValue& json, double pixel_offset) {
   KnownCamera camera;
@@ -52,12 +52,12 @@ void WritePanopticRig(const std::string& path,
                       const Cameras& cameras,
                       double pixel_offset,
                       RigRemarks* remarks) {
-  LensFitter fitter("panoptic", kNumDistortion, /*has_fisheye=*/false);
+  LensFitter fitter("panoptic", kNumPanopticDistortion, /*has_fisheye=*/false);
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const KnownCamera& camera : cameras) {
     RequireIntrinsics("panoptic", camera);
     Lens lens = fitter.Fit(camera);
-    lens.distortion.resize(kNumDistortion);
+    lens.distortion.resize(kNumPanopticDistortion);
     const Eigen::Matrix3d K = lens.K(pixel_offset);
     const Eigen::Matrix<double, 3, 4> pose = PoseMatrix(camera);
     // The node is a number for the toolbox's own use.

@@ -11,15 +11,16 @@
 namespace mfir {
 namespace {
 
-constexpr double kMaxDistance = 10.0;  // px
-constexpr size_t kMinNumCameras = 2;
+constexpr double kMaxOverlapDistance = 10.0;  // px
+constexpr size_t kMinNumOverlapping = 2;
 
 // Tracks of one frame that others can join.
 class Leaders {
  public:
   explicit Leaders(const Frame& frame)
       : frame_(frame),
-        grids_(frame.images.size(), KeypointGrid(kMaxDistance, kMaxDistance)) {}
+        grids_(frame.images.size(),
+               KeypointGrid(kMaxOverlapDistance, kMaxOverlapDistance)) {}
 
   void Add(size_t point_idx) {
     for (size_t k = frame_.track_begins[point_idx];
@@ -42,7 +43,7 @@ class Leaders {
           observation.xy, [&counts](size_t idx) { ++counts[idx]; });
     }
     size_t leader = point_idx;
-    size_t most = kMinNumCameras - 1;
+    size_t most = kMinNumOverlapping - 1;
     for (const auto& [idx, count] : counts) {
       if (count > most && 2 * count > NumShared(idx, point_idx)) {
         leader = idx;

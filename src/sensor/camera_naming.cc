@@ -9,7 +9,7 @@ namespace mfir {
 namespace {
 
 constexpr const char* kRegexOption = "camera_name_regex";
-const char* const kPaperRegex = R"(camera(\d+)_frame\d+)";
+const char* const kPaperCameraRegex = R"(camera(\d+)_frame\d+)";
 bool IsNumber(const std::string& name) {
   return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
     return c >= '0' && c <= '9';
@@ -27,7 +27,7 @@ std::vector<std::string> Apply(const Rule& rule,
   return names;
 }
 
-bool AllNamed(const std::vector<std::string>& names) {
+bool AllCamerasNamed(const std::vector<std::string>& names) {
   return std::find(names.begin(), names.end(), "") == names.end();
 }
 
@@ -56,7 +56,7 @@ std::vector<std::string> CameraNaming::Names(
 
   std::vector<std::string> fallback;
   for (std::vector<std::string> names :
-       {Apply(regex_rule(kPaperRegex), image_names),
+       {Apply(regex_rule(kPaperCameraRegex), image_names),
         Apply(
             [this](const std::string& image_name) {
               return WithoutName(FileStem(image_name), frame_name_);
@@ -64,7 +64,7 @@ std::vector<std::string> CameraNaming::Names(
             image_names),
         Apply(FileStem, image_names),
         Apply(FirstFolder, image_names)}) {
-    if (!AllNamed(names)) {
+    if (!AllCamerasNamed(names)) {
       continue;
     }
     if (AllDiffer(names)) {

@@ -10,7 +10,7 @@ namespace mfir {
 namespace {
 
 constexpr char kOption[] = "frame_name_regex";
-const char* const kPaperRegex = R"(camera\d+_frame(\d+))";
+const char* const kPaperFrameRegex = R"(camera\d+_frame(\d+))";
 
 using Names = std::vector<std::string>;
 using Rule = std::function<std::string(const std::string&)>;
@@ -39,7 +39,7 @@ Rule RegexRule(const std::string& pattern) {
   };
 }
 
-bool AllNamed(const Names& names) {
+bool AllFramesNamed(const Names& names) {
   return std::find(names.begin(), names.end(), "") == names.end();
 }
 
@@ -60,14 +60,14 @@ std::vector<std::string> FrameNames(const std::vector<std::string>& image_names,
                                     const std::set<std::string>& camera_names,
                                     const std::string& regex) {
   if (!regex.empty()) return Apply(RegexRule(regex), image_names);
-  std::vector<Rule> rules = {FirstFolder, RegexRule(kPaperRegex)};
+  std::vector<Rule> rules = {FirstFolder, RegexRule(kPaperFrameRegex)};
   if (AreCameras(FirstFolder, image_names, camera_names) &&
       !AreCameras(FileStem, image_names, camera_names)) {
     rules.insert(rules.begin(), PathInFirstFolder);
   }
   for (const Rule& rule : rules) {
     Names names = Apply(rule, image_names);
-    if (AllNamed(names)) return names;
+    if (AllFramesNamed(names)) return names;
   }
   return Names(image_names.size(), "frame");
 }
@@ -85,10 +85,11 @@ std::vector<std::string> NamesOfFrames(
     }
     return names;
   };
-  for (const Rule& rule :
-       {Rule(FirstFolder), Rule(PathInFirstFolder), RegexRule(kPaperRegex)}) {
+  for (const Rule& rule : {Rule(FirstFolder),
+                           Rule(PathInFirstFolder),
+                           RegexRule(kPaperFrameRegex)}) {
     Names names = apply(rule);
-    if (AllNamed(names) &&
+    if (AllFramesNamed(names) &&
         std::set<std::string>(names.begin(), names.end()).size() ==
             names.size()) {
       return names;

@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kWidth = 60;
 constexpr int kHeight = 50;
-constexpr int kPatchSize = 8;
+constexpr int kSiftPatchSize = 8;
 constexpr size_t kNumCameras = 3;
 constexpr size_t kNumFrames = 2;
 
@@ -31,7 +31,7 @@ class NoiseSource : public DenseFeatureSource {
     for (const Eigen::Vector2i& corner : patches.corners) {
       corners.push_back({corner.x(), corner.y()});
     }
-    patches.data = SerialSiftPatches(image, corners, kPatchSize);
+    patches.data = SerialSiftPatches(image, corners, kSiftPatchSize);
     return patches;
   }
 
@@ -59,7 +59,8 @@ class NoiseSource : public DenseFeatureSource {
     for (int i = 0; i < kWidth * kHeight; ++i) {
       image->grey.push_back(static_cast<float>(random.Uniform(0.0, 255.0)));
     }
-    *patches = PlaceEmptyPatches(request, kPatchSize, kNumSiftChannels, 1.0);
+    *patches =
+        PlaceEmptyPatches(request, kSiftPatchSize, kNumSiftChannels, 1.0);
   }
 };
 

@@ -14,12 +14,6 @@
 namespace mfir {
 namespace {
 
-FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
-  FixedExtrinsicsOptions options;
-  options.loss = loss;
-  return options;
-}
-
 // (C - Chat) / std for a camera centre C = -R^T t.
 struct CenterPriorCost {
   template <typename T>
@@ -170,7 +164,7 @@ void ExpectSamePoses(const SceneEstimate& a,
 TEST(SoftExtrinsics, MinimumIsThatOfCeres) {
   const ceres::CauchyLoss loss(2.0);
   for (const bool intrinsics_priors : {false, true}) {
-    FixedExtrinsicsOptions options = Options(&loss);
+    FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
     options.rotation_std = 1e-3;
     options.center_std = 2e-3;
     options.prior_weight = 0.3;
@@ -193,9 +187,9 @@ TEST(SoftExtrinsics, ImproveOnWrongExtrinsics) {
   const ceres::CauchyLoss loss(2.0);
   TestScene scene = SceneWithWrongExtrinsics(2e-3, 4e-3);
   SceneEstimate pinned = scene.start;
-  Solve(Options(&loss), &pinned);
+  Solve(OptionsWithLoss(&loss), &pinned);
   SceneEstimate soft = scene.start;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.rotation_std = 2e-3;
   options.center_std = 4e-3;
   EXPECT_TRUE(Solve(options, &soft).converged);
@@ -211,9 +205,9 @@ TEST(SoftExtrinsics, TinyStandardDeviationsPinThem) {
   const ceres::CauchyLoss loss(2.0);
   const SceneEstimate start = SceneWithWrongExtrinsics(1e-4, 2e-4).start;
   SceneEstimate pinned = start;
-  Solve(Options(&loss), &pinned);
+  Solve(OptionsWithLoss(&loss), &pinned);
   SceneEstimate soft = start;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.rotation_std = 1e-9;
   options.center_std = 1e-9;
   EXPECT_TRUE(Solve(options, &soft).converged);
@@ -227,7 +221,7 @@ TEST(SoftExtrinsics, ResultDoesNotDependOnTheNumberOfThreads) {
   SceneEstimate expected;
   for (const int num_threads : {1, 3}) {
     SceneEstimate scene = start;
-    FixedExtrinsicsOptions options = Options(&loss);
+    FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
     options.rotation_std = 1e-3;
     options.center_std = 2e-3;
     options.num_threads = num_threads;
@@ -246,7 +240,7 @@ TEST(IntrinsicsPriors, TinyStandardDeviationsPinTheRefinedOnes) {
   const ceres::CauchyLoss loss(2.0);
   SceneEstimate scene = MakeTestScene({}).start;
   const SceneEstimate start = scene;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.focal_std = 1e-6;
   EXPECT_TRUE(Solve(options, &scene).converged);
   for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
@@ -263,7 +257,7 @@ TEST(ConstantCameras, AreBitIdenticalAndTheOthersAreNot) {
   const ceres::CauchyLoss loss(2.0);
   const SceneEstimate start = MakeTestScene({}).start;
   SceneEstimate scene = start;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.constant_cameras.assign(scene.estimate.cameras.size(), false);
   options.constant_cameras[3] = true;
   options.compute_covariance = true;
@@ -300,7 +294,7 @@ TEST(MinInformation, HoldsWhatTheDataDoNotTell) {
     frame = kept;
   }
   const SceneEstimate start = scene;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.min_information = 1e-6;
   options.compute_covariance = true;
   const FixedExtrinsicsSummary summary = Solve(options, &scene);
@@ -325,7 +319,7 @@ TEST(MinInformation, DoesNotTouchWellDeterminedScenes) {
   const ceres::CauchyLoss loss(2.0);
   const SceneEstimate start = MakeTestScene({}).start;
   SceneEstimate scene = start;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   Solve(options, &scene);
   SceneEstimate with = start;
   options.min_information = 1e-6;

@@ -10,31 +10,23 @@
 namespace mfir {
 namespace {
 
-const ceres::TrivialLoss kTrivialLoss;
-
-FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
-  FixedExtrinsicsOptions options;
-  options.loss = loss;
-  return options;
-}
-
 // A frame of weight 2 is the frame twice, one of weight 0 is none.
 TEST(FixedExtrinsicsRobustness, FrameWeightsCountFrames) {
   const ceres::CauchyLoss loss(2.0);
   const SceneEstimate start = MakeTestScene({}).start;
   SceneEstimate weighted = start;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.frame_weights = {2.0, 1.0};
   const double weighted_cost = Solve(options, &weighted).final_cost;
   SceneEstimate twice = start;
   twice.scene.frames.push_back(twice.scene.frames[0]);
   twice.estimate.frames.push_back(twice.estimate.frames[0]);
-  const double twice_cost = Solve(Options(&loss), &twice).final_cost;
+  const double twice_cost = Solve(OptionsWithLoss(&loss), &twice).final_cost;
   EXPECT_NEAR(weighted_cost, twice_cost, 1e-11 * twice_cost);
   EXPECT_LT(MaxParamsDifference(weighted, twice), 1e-9);
 
   SceneEstimate equal = start;
-  Solve(Options(&loss), &equal);
+  Solve(OptionsWithLoss(&loss), &equal);
   EXPECT_GT(MaxParamsDifference(weighted, equal), 1e-5);
 
   SceneEstimate only_first = start;
@@ -43,7 +35,7 @@ TEST(FixedExtrinsicsRobustness, FrameWeightsCountFrames) {
   SceneEstimate first = start;
   first.scene.frames.resize(1);
   first.estimate.frames.resize(1);
-  Solve(Options(&loss), &first);
+  Solve(OptionsWithLoss(&loss), &first);
   EXPECT_LT(MaxParamsDifference(only_first, first), 1e-9);
 }
 
@@ -51,10 +43,10 @@ TEST(FixedExtrinsicsRobustness, CommonFactorOfTheWeightsDoesNotMatter) {
   const ceres::CauchyLoss loss(2.0);
   const SceneEstimate start = MakeTestScene({}).start;
   SceneEstimate expected = start;
-  Solve(Options(&loss), &expected);
+  Solve(OptionsWithLoss(&loss), &expected);
   for (const double weight : {1e-9, 1e9}) {
     SceneEstimate scene = start;
-    FixedExtrinsicsOptions options = Options(&loss);
+    FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
     options.frame_weights = {weight, weight};
     options.prior_weight = weight;
     EXPECT_TRUE(Solve(options, &scene).converged);
@@ -94,12 +86,12 @@ TEST(FixedExtrinsicsRobustness, ObservationsBehindTheCameraTakeNoPart) {
   // Unless points may move to where their rays meet: then all take part.
   SceneEstimate moved = with;
   SceneEstimate start = MakeTestScene({}).start;
-  EXPECT_NEAR(Solve(Options(&loss), &moved).final_cost,
-              Solve(Options(&loss), &start).final_cost,
+  EXPECT_NEAR(Solve(OptionsWithLoss(&loss), &moved).final_cost,
+              Solve(OptionsWithLoss(&loss), &start).final_cost,
               1e-9);
   EXPECT_LT(MaxParamsDifference(moved, start), 1e-9);
 
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.improve_points = false;
   const FixedExtrinsicsSummary expected = Solve(options, &without);
   const FixedExtrinsicsSummary summary = Solve(options, &with);
@@ -122,8 +114,8 @@ TEST(FixedExtrinsicsRobustness, PointsOfOneObservationOrNoneStayAsTheyAre) {
   points.push_back(2.0 * single);
   frame.track_begins.push_back(frame.observations.size());
   const ceres::CauchyLoss loss(1.0);
-  Solve(Options(&loss), &expected);
-  EXPECT_TRUE(Solve(Options(&loss), &scene).converged);
+  Solve(OptionsWithLoss(&loss), &expected);
+  EXPECT_TRUE(Solve(OptionsWithLoss(&loss), &scene).converged);
   const std::vector<Eigen::Vector3d>& solved = scene.estimate.frames[1].points;
   EXPECT_EQ(solved[solved.size() - 2], single);
   EXPECT_EQ(solved.back(), 2.0 * single);
@@ -144,7 +136,7 @@ TEST(FixedExtrinsicsRobustness, CamerasWithoutObservationsStayAsTheyAre) {
     for (FrameImage& image : frame.images) ++image.camera_idx;
   }
   const ceres::CauchyLoss loss(1.0);
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.compute_covariance = true;
   const FixedExtrinsicsSummary summary = Solve(options, &scene);
   EXPECT_TRUE(summary.converged);
@@ -163,7 +155,7 @@ TEST(FixedExtrinsicsRobustness, CamerasWithoutObservationsStayAsTheyAre) {
 
 TEST(FixedExtrinsicsRobustness, EmptyScenesAndNothingToRefineConverge) {
   const ceres::CauchyLoss loss(1.0);
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   options.compute_covariance = true;
   SceneEstimate empty;
   EXPECT_TRUE(Solve(options, &empty).converged);
@@ -203,11 +195,11 @@ TEST_P(NoiseFreeTest, RecoversTheTruth) {
        {static_cast<const ceres::LossFunction*>(&cauchy),
         static_cast<const ceres::LossFunction*>(&kTrivialLoss)}) {
     SceneEstimate start = scene.start;
-    EXPECT_TRUE(Solve(Options(loss), &start).converged);
+    EXPECT_TRUE(Solve(OptionsWithLoss(loss), &start).converged);
     EXPECT_LT(MaxParamsDifference(start, scene.truth), 1e-7);
     // Started at the solution, cost zero.
     SceneEstimate at_truth = scene.truth;
-    EXPECT_TRUE(Solve(Options(loss), &at_truth).converged);
+    EXPECT_TRUE(Solve(OptionsWithLoss(loss), &at_truth).converged);
     EXPECT_LT(MaxParamsDifference(at_truth, scene.truth), 1e-7);
   }
 }
@@ -222,7 +214,8 @@ TEST(FixedExtrinsicsRobustness, HugeOutliersDoNotMatter) {
     scene_options.start_error = 0.3;
     TestScene scene = MakeTestScene(scene_options);
     const ceres::CauchyLoss loss(1.0);
-    const FixedExtrinsicsSummary summary = Solve(Options(&loss), &scene.start);
+    const FixedExtrinsicsSummary summary =
+        Solve(OptionsWithLoss(&loss), &scene.start);
     EXPECT_TRUE(summary.converged) << size;
     // 0.5 px of noise, 600 points: focal lengths to about 0.2 px.
     EXPECT_LT(MaxParamsDifference(scene.start, scene.truth), 5e-3) << size;
@@ -248,7 +241,7 @@ TEST(FixedExtrinsicsRobustness, WherePointsStartDoesNotMatter) {
   }
   SceneEstimate unimproved = start;
   SceneEstimate moved_unimproved = moved;
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&loss);
   const double cost = Solve(options, &scene).final_cost;
   EXPECT_NEAR(Solve(options, &moved).final_cost, cost, 1e-10 * cost);
   EXPECT_LT(MaxParamsDifference(scene, moved), 1e-8);
@@ -262,7 +255,7 @@ TEST(FixedExtrinsicsRobustness, RelinearizesFromAFarStart) {
   scene_options.start_error = 8.0;  // focal lengths off by 8 %, points by 0.08
   TestScene scene = MakeTestScene(scene_options);
   const FixedExtrinsicsSummary summary =
-      Solve(Options(&kTrivialLoss), &scene.start);
+      Solve(OptionsWithLoss(&kTrivialLoss), &scene.start);
   EXPECT_TRUE(summary.converged);
   EXPECT_LT(MaxParamsDifference(scene.start, scene.truth), 5e-3);
 }

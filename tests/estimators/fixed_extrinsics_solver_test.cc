@@ -13,11 +13,8 @@
 namespace mfir {
 namespace {
 
-const ceres::TrivialLoss kTrivialLoss;
-
-FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
-  FixedExtrinsicsOptions options;
-  options.loss = loss;
+FixedExtrinsicsOptions TightOptions(const ceres::LossFunction* loss) {
+  FixedExtrinsicsOptions options = OptionsWithLoss(loss);
   options.step_tolerance = 1e-6;
   return options;
 }
@@ -42,7 +39,7 @@ TEST_P(CeresTest, SameMinimumFromTheSameStart) {
   SceneEstimate ours = MakeTestScene(scene_options).start;
   SceneEstimate ceres_scene = ours;
   const ceres::CauchyLoss loss(2.0);
-  const FixedExtrinsicsSummary summary = Solve(Options(&loss), &ours);
+  const FixedExtrinsicsSummary summary = Solve(TightOptions(&loss), &ours);
   EXPECT_TRUE(summary.converged);
   const double ceres_cost = SolveWithCeres(&loss, &ceres_scene);
   EXPECT_NEAR(summary.final_cost, ceres_cost, 1e-9 * ceres_cost);
@@ -56,7 +53,7 @@ TEST_P(CeresTest, OurMinimumIsOneOfCeres) {
   scene_options.outlier_share = 0.1;
   SceneEstimate ours = MakeTestScene(scene_options).start;
   const ceres::CauchyLoss loss(1.0);
-  const FixedExtrinsicsSummary summary = Solve(Options(&loss), &ours);
+  const FixedExtrinsicsSummary summary = Solve(TightOptions(&loss), &ours);
   EXPECT_TRUE(summary.converged);
   EXPECT_LT(summary.final_cost, summary.initial_cost);
   SceneEstimate ceres_scene = ours;
@@ -113,7 +110,7 @@ TEST(FixedExtrinsicsSolver, FirstStepIsTheNewtonStepOfTheReducedSystem) {
   scene_options.model = "SIMPLE_RADIAL";
   scene_options.num_points = 40;
   SceneEstimate scene = MakeTestScene(scene_options).start;
-  FixedExtrinsicsOptions options = Options(&kTrivialLoss);
+  FixedExtrinsicsOptions options = TightOptions(&kTrivialLoss);
   options.max_num_iterations = 0;  // moves the points to their minima
   Solve(options, &scene);
   Eigen::MatrixXd schur;
@@ -167,7 +164,7 @@ TEST_P(RefineTest, HeldParametersAreBitIdentical) {
   const SceneEstimate start = MakeTestScene(scene_options).start;
   SceneEstimate scene = start;
   const ceres::CauchyLoss loss(1.0);
-  FixedExtrinsicsOptions options = Options(&loss);
+  FixedExtrinsicsOptions options = TightOptions(&loss);
   options.refine_focal_length = flags & 1;
   options.refine_principal_point = flags & 2;
   options.refine_extra_params = flags & 4;
@@ -229,7 +226,7 @@ TEST(FixedExtrinsicsSolver, ResultDoesNotDependOnTheNumberOfThreads) {
   FixedExtrinsicsSummary expected_summary;
   for (const int num_threads : {1, 2, 3, 8}) {
     SceneEstimate scene = start;
-    FixedExtrinsicsOptions options = Options(&loss);
+    FixedExtrinsicsOptions options = TightOptions(&loss);
     options.num_threads = num_threads;
     options.compute_covariance = true;
     const FixedExtrinsicsSummary summary = Solve(options, &scene);
@@ -299,10 +296,10 @@ TEST(FixedExtrinsicsSolver, ResultDoesNotDependOnTheOrderOfTheData) {
   const ceres::CauchyLoss loss(2.0);
   std::vector<SceneEstimate> permuted;
   for (int i = 0; i < 3; ++i) permuted.push_back(Permuted(scene, &random));
-  const FixedExtrinsicsSummary expected = Solve(Options(&loss), &scene);
+  const FixedExtrinsicsSummary expected = Solve(TightOptions(&loss), &scene);
   EXPECT_TRUE(expected.converged);
   for (SceneEstimate& other : permuted) {
-    const FixedExtrinsicsSummary summary = Solve(Options(&loss), &other);
+    const FixedExtrinsicsSummary summary = Solve(TightOptions(&loss), &other);
     EXPECT_NEAR(
         summary.final_cost, expected.final_cost, 1e-12 * expected.final_cost);
     EXPECT_LT(MaxParamsDifference(other, scene), 1e-9);

@@ -11,14 +11,6 @@
 namespace mfir {
 namespace {
 
-const ceres::TrivialLoss kTrivialLoss;
-
-FixedExtrinsicsOptions Options(const ceres::LossFunction* loss) {
-  FixedExtrinsicsOptions options;
-  options.loss = loss;
-  return options;
-}
-
 // The first tracks of the first frame take the place of those of the others,
 // with errors of their keypoints (px) on top.
 void RepeatFirstTracks(size_t num_tracks,
@@ -56,7 +48,7 @@ TEST(FixedExtrinsicsStatistics, CovarianceIsThatOfCeresOnAverage) {
     scene_options.noise = kNoise;
     scene_options.seed = 20 + seed;
     SceneEstimate scene = MakeTestScene(scene_options).start;
-    FixedExtrinsicsOptions options = Options(&kTrivialLoss);
+    FixedExtrinsicsOptions options = OptionsWithLoss(&kTrivialLoss);
     options.compute_covariance = true;
     const FixedExtrinsicsSummary summary = Solve(options, &scene);
 
@@ -100,9 +92,9 @@ TEST(FixedExtrinsicsStatistics, ErrorsAreOfTheSizeThatTheCovarianceTells) {
       scene_options.start_error = 0.3;
       TestScene scene = MakeTestScene(scene_options);
       const ceres::CauchyLoss cauchy(1.0);
-      FixedExtrinsicsOptions options =
-          Options(outliers ? static_cast<const ceres::LossFunction*>(&cauchy)
-                           : &kTrivialLoss);
+      FixedExtrinsicsOptions options = OptionsWithLoss(
+          outliers ? static_cast<const ceres::LossFunction*>(&cauchy)
+                   : &kTrivialLoss);
       options.compute_covariance = true;
       const FixedExtrinsicsSummary summary = Solve(options, &scene.start);
       EXPECT_TRUE(summary.converged);
@@ -123,7 +115,7 @@ TEST(FixedExtrinsicsStatistics, ErrorsAreOfTheSizeThatTheCovarianceTells) {
 
 FixedExtrinsicsOptions CovarianceOptions(
     const std::vector<std::vector<TrackIndex>>& repeated_tracks) {
-  FixedExtrinsicsOptions options = Options(&kTrivialLoss);
+  FixedExtrinsicsOptions options = OptionsWithLoss(&kTrivialLoss);
   options.compute_covariance = true;
   options.repeated_tracks = repeated_tracks;
   return options;
@@ -221,7 +213,7 @@ TEST_P(TrackLengthTest, NoiseSamplesHaveTheSigmaOfTheNoise) {
   scene_options.num_points = 12000 / GetParam();
   scene_options.noise = 0.5;
   SceneEstimate scene = MakeTestScene(scene_options).start;
-  EXPECT_TRUE(Solve(Options(&kTrivialLoss), &scene).converged);
+  EXPECT_TRUE(Solve(OptionsWithLoss(&kTrivialLoss), &scene).converged);
   for (const bool robust : {false, true}) {
     const ceres::CauchyLoss cauchy(2.385 * scene_options.noise);
     const std::vector<NoiseSample> samples =

@@ -22,7 +22,7 @@ DriftReference Params(const std::vector<RigCamera>& cameras) {
   return reference;
 }
 
-std::vector<std::optional<CameraDrift>> Find(
+std::vector<std::optional<CameraDrift>> FindDrifts(
     const std::vector<RigCamera>& cameras, const DriftReference& before) {
   return FindDrifts(cameras, std::vector<size_t>(cameras.size(), 100), before);
 }
@@ -36,7 +36,7 @@ TEST(FindDrifts, MeasuresChangesAgainstTheOthers) {
   }
   cameras[3].params[1] += 40.0;  // mean of 10 and 50 - 10 = 40 permille
   cameras[5].params[3] -= 8.0;
-  const auto drifts = Find(cameras, before);
+  const auto drifts = FindDrifts(cameras, before);
   for (size_t i = 0; i < 8; ++i) {
     ASSERT_TRUE(drifts[i].has_value());
     EXPECT_EQ(drifts[i]->is_unusual, i == 3 || i == 5) << i;
@@ -66,10 +66,10 @@ TEST(FindDrifts, HealthyArraysAreNotUnusual) {
       camera.params[2] += random.Normal(3.0, 5.0);
       camera.params[3] += random.Normal(-4.0, 5.0);
     }
-    for (const auto& drift : Find(cameras, before)) {
+    for (const auto& drift : FindDrifts(cameras, before)) {
       num_unusual += drift->is_unusual;
     }
-    sum += std::pow(Find(cameras, before)[0]->principal_point_stds, 2);
+    sum += std::pow(FindDrifts(cameras, before)[0]->principal_point_stds, 2);
   }
   EXPECT_LE(num_unusual, 1);
   // The larger of two normal numbers has the mean square 1 + 2 / pi = 1.64; a
@@ -83,13 +83,13 @@ TEST(FindDrifts, CamerasWithoutReferenceDoNotCount) {
   before[2].clear();
   cameras[2].params[2] += 50.0;
   cameras[4].params[2] += 50.0;
-  const auto drifts = Find(cameras, before);
+  const auto drifts = FindDrifts(cameras, before);
   EXPECT_FALSE(drifts[2].has_value());
   EXPECT_TRUE(drifts[4]->is_unusual);
   // Of three others nothing is known.
   before[0].clear();
   before[1].clear();
-  EXPECT_FALSE(Find(cameras, before)[4]->is_unusual);
+  EXPECT_FALSE(FindDrifts(cameras, before)[4]->is_unusual);
 }
 
 // A camera that few points show has larger errors, at its start and later: 9
@@ -140,7 +140,7 @@ SceneEstimate PoseScene(double noise_deg, uint64_t seed) {
   return scene;
 }
 
-std::vector<PoseDisagreement> Find(const SceneEstimate& scene) {
+std::vector<PoseDisagreement> FindDisagreements(const SceneEstimate& scene) {
   return FindPoseDisagreements(scene.scene, scene.estimate);
 }
 
@@ -155,7 +155,7 @@ TEST(FindPoseDisagreements, NamesTheCameraThatWasTurned) {
   for (const double degrees : {0.2, 2.0}) {
     SceneEstimate scene = PoseScene(0.01, 3);
     TurnInRig(2, degrees, &scene);
-    const auto disagreements = Find(scene);
+    const auto disagreements = FindDisagreements(scene);
     for (size_t i = 0; i < disagreements.size(); ++i) {
       EXPECT_EQ(disagreements[i].is_moved, i == 2) << i;
     }
@@ -166,12 +166,12 @@ TEST(FindPoseDisagreements, NamesTheCameraThatWasTurned) {
 
 TEST(FindPoseDisagreements, ScatterIsNoMovement) {
   for (uint64_t seed = 0; seed < 20; ++seed) {
-    for (const auto& camera : Find(PoseScene(0.5, seed))) {
+    for (const auto& camera : FindDisagreements(PoseScene(0.5, seed))) {
       EXPECT_FALSE(camera.is_moved);
     }
   }
   // The poses of RIG themselves.
-  for (const auto& camera : Find(PoseScene(0.0, 0))) {
+  for (const auto& camera : FindDisagreements(PoseScene(0.0, 0))) {
     EXPECT_EQ(camera.angle_deg, 0.0);
     EXPECT_FALSE(camera.is_moved);
   }
@@ -184,7 +184,7 @@ TEST(FindPoseDisagreements, FewObservationsExcuseLargeAngles) {
   for (size_t i = 0; i < scene.scene.cameras.size(); ++i) {
     TurnInRig(i, i == 2 ? 2.0 : 0.2, &scene);
   }
-  EXPECT_TRUE(Find(scene)[2].is_moved);
+  EXPECT_TRUE(FindDisagreements(scene)[2].is_moved);
   for (Frame& frame : scene.scene.frames) {
     size_t num_kept = 0;
     std::vector<Observation> kept;
@@ -194,7 +194,7 @@ TEST(FindPoseDisagreements, FewObservationsExcuseLargeAngles) {
     }
     frame.observations = kept;
   }
-  EXPECT_FALSE(Find(scene)[2].is_moved);
+  EXPECT_FALSE(FindDisagreements(scene)[2].is_moved);
 }
 
 // In one frame of four.
@@ -203,7 +203,7 @@ TEST(FindPoseDisagreements, OneFrameIsNotMost) {
   Rigid3& pose = scene.estimate.frames[1].images[2].cam_from_world;
   pose.rotation =
       Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX()) * pose.rotation;
-  for (const auto& camera : Find(scene)) {
+  for (const auto& camera : FindDisagreements(scene)) {
     EXPECT_FALSE(camera.is_moved);
   }
 }

@@ -26,7 +26,7 @@ std::vector<CameraIntrinsics> Truth() {
 }
 
 // Errors: +10 -10 +3 -4 and +5 0 0 +2 px; +10 -10 +10 0 permille.
-FrameIntrinsics Estimate() {
+FrameIntrinsics GoodEstimate() {
   return {"a",
           {MakeCamera("1", {1010, 990, 503, 246}),
            MakeCamera("2", {505, 500, 400, 202})}};
@@ -72,7 +72,7 @@ bool Contains(const std::string& text, const std::string& part) {
 }
 
 TEST(EvaluateIntrinsics, PaperMetricsOfOneEstimate) {
-  const Evaluation evaluation = EvaluateIntrinsics({Estimate()}, Truth());
+  const Evaluation evaluation = EvaluateIntrinsics({GoodEstimate()}, Truth());
   EXPECT_NEAR(evaluation.focal_abs.mean, (20 + 5) / 2.0, 1e-9);
   EXPECT_NEAR(evaluation.focal_rel.mean, (20 + 10) / 2.0, 1e-9);
   EXPECT_NEAR(evaluation.pp_abs.mean, (7 + 2) / 2.0, 1e-9);
@@ -91,7 +91,7 @@ TEST(EvaluateIntrinsics, PaperMetricsOfOneEstimate) {
 }
 
 TEST(EvaluateIntrinsics, CommonPartAndRest) {
-  const Evaluation evaluation = EvaluateIntrinsics({Estimate()}, Truth());
+  const Evaluation evaluation = EvaluateIntrinsics({GoodEstimate()}, Truth());
   EXPECT_NEAR(evaluation.focal_scale.mean, (10 - 10 + 10 + 0) / 4.0, 1e-9);
   EXPECT_NEAR(evaluation.pp_shift_x.mean, 1.5, 1e-9);
   EXPECT_NEAR(evaluation.pp_shift_y.mean, -1.0, 1e-9);
@@ -101,7 +101,7 @@ TEST(EvaluateIntrinsics, CommonPartAndRest) {
 }
 
 TEST(EvaluateIntrinsics, SpreadPerAxis) {
-  const Evaluation evaluation = EvaluateIntrinsics({Estimate()}, Truth());
+  const Evaluation evaluation = EvaluateIntrinsics({GoodEstimate()}, Truth());
   ExpectSpread(evaluation.spread_px[0], 7.5, 9.75, 10);
   ExpectSpread(evaluation.spread_px[1], 5, 9.5, 10);
   ExpectSpread(evaluation.spread_px[2], 1.5, 2.85, 3);
@@ -112,7 +112,7 @@ TEST(EvaluateIntrinsics, SpreadPerAxis) {
 
 TEST(EvaluateIntrinsics, MeanMaxMinOverFrames) {
   const Evaluation evaluation =
-      EvaluateIntrinsics({Estimate(), BetterEstimate()}, Truth());
+      EvaluateIntrinsics({GoodEstimate(), BetterEstimate()}, Truth());
   ExpectStatistic(evaluation.focal_abs, 7.75, 12.5, 3);
   ExpectStatistic(evaluation.focal_rel, 9, 15, 3);
   ExpectStatistic(evaluation.pp_abs, 2.25, 4.5, 0);
@@ -151,7 +151,7 @@ TEST(EvaluateIntrinsics, CamerasWithoutPartnerAreReportedAndLeftOut) {
 }
 
 TEST(EvaluateIntrinsics, SeveralImagesOfOneCamera) {
-  FrameIntrinsics estimate = Estimate();
+  FrameIntrinsics estimate = GoodEstimate();
   estimate.cameras.push_back(estimate.cameras[0]);
   EXPECT_NEAR(
       EvaluateIntrinsics({estimate}, Truth()).focal_abs.mean, 12.5, 1e-9);
@@ -164,11 +164,12 @@ TEST(EvaluateIntrinsics, SeveralImagesOfOneCamera) {
 TEST(EvaluateIntrinsics, ImageSizes) {
   std::vector<CameraIntrinsics> truth = Truth();
   truth[0].width = truth[0].height = 0;
-  EXPECT_NEAR(EvaluateIntrinsics({Estimate()}, truth).pp_rel.mean, 7.5, 1e-9);
+  EXPECT_NEAR(
+      EvaluateIntrinsics({GoodEstimate()}, truth).pp_rel.mean, 7.5, 1e-9);
 
   truth[0].width = 2000;
   truth[0].height = 1000;
-  const std::string message = ErrorMessage({Estimate()}, truth);
+  const std::string message = ErrorMessage({GoodEstimate()}, truth);
   EXPECT_TRUE(Contains(message, "1000 x 500")) << message;
   EXPECT_TRUE(Contains(message, "2000 x 1000")) << message;
 }
@@ -180,9 +181,9 @@ TEST(EvaluateIntrinsics, BadInput) {
   EXPECT_TRUE(Contains(message, "'7'; of the ground truth: '1', '2'"))
       << message;
   EXPECT_NE(ErrorMessage({}, Truth()), "");
-  EXPECT_NE(ErrorMessage({Estimate()}, {}), "");
+  EXPECT_NE(ErrorMessage({GoodEstimate()}, {}), "");
   const auto bad_camera_1 = [](const CameraIntrinsics& camera) {
-    return ErrorMessage({Estimate()}, {camera}) != "" &&
+    return ErrorMessage({GoodEstimate()}, {camera}) != "" &&
            ErrorMessage({{"", {camera}}}, Truth()) != "";
   };
   EXPECT_FALSE(bad_camera_1(MakeCamera("1", {1000, 1000, 500, 250})));
@@ -234,7 +235,7 @@ TEST(ProjectionRms, PointsTheTrueLensCannotSeeAreLeftOut) {
 
 TEST(EvaluationToJson, OneEstimate) {
   const nlohmann::ordered_json json =
-      EvaluationToJson(EvaluateIntrinsics({Estimate()}, Truth()));
+      EvaluationToJson(EvaluateIntrinsics({GoodEstimate()}, Truth()));
   EXPECT_EQ(json["schema_version"], 1);
   EXPECT_NEAR(json["focal_abs"]["mean"].get<double>(), 12.5, 1e-9);
   for (const char* metric : {"focal_abs", "focal_rel", "pp_abs", "pp_rel"}) {
@@ -264,7 +265,7 @@ TEST(EvaluationToJson, OneEstimate) {
 
 TEST(EvaluationToJson, SeveralFrames) {
   const nlohmann::ordered_json json = EvaluationToJson(
-      EvaluateIntrinsics({Estimate(), BetterEstimate()}, Truth()));
+      EvaluateIntrinsics({GoodEstimate(), BetterEstimate()}, Truth()));
   EXPECT_NEAR(json["focal_rel"]["max"].get<double>(), 15, 1e-9);
   EXPECT_NEAR(json["focal_rel"]["min"].get<double>(), 3, 1e-9);
   EXPECT_EQ(json["num_frames"], 2);
@@ -285,7 +286,7 @@ TEST(EvaluationToJson, NonFiniteNumbersBecomeNull) {
 }
 
 TEST(PrintEvaluation, ShowsNumbersAndNames) {
-  FrameIntrinsics estimate = Estimate();
+  FrameIntrinsics estimate = GoodEstimate();
   estimate.cameras.push_back(MakeCamera("spare", {1, 1, 1, 1}));
   std::ostringstream stream;
   PrintEvaluation(EvaluateIntrinsics({estimate}, Truth()), stream);

@@ -14,8 +14,8 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-std::vector<size_t> Find(const std::vector<double>& stds_px,
-                         const std::vector<double>& own_stds_px) {
+std::vector<size_t> FindCameras(const std::vector<double>& stds_px,
+                                const std::vector<double>& own_stds_px) {
   std::vector<size_t> cameras;
   for (const auto& found :
        FindExtrinsicsContradictions(stds_px, stds_px, own_stds_px)) {
@@ -25,17 +25,17 @@ std::vector<size_t> Find(const std::vector<double>& stds_px,
 }
 
 TEST(ExtrinsicsCheck, FlagsWhatIsFarAboveTheOthersAndItsOwn) {
-  EXPECT_EQ(Find({0.5, 0.6, 5.0, 0.5}, {0.5, 0.6, 0.6, 0.5}),
+  EXPECT_EQ(FindCameras({0.5, 0.6, 5.0, 0.5}, {0.5, 0.6, 0.6, 0.5}),
             std::vector<size_t>({2}));
 }
 
 TEST(ExtrinsicsCheck, BadKeypointsAreNoContradiction) {
-  EXPECT_TRUE(Find({0.5, 0.6, 5.0, 0.5}, {0.5, 0.6, 4.0, 0.5}).empty());
+  EXPECT_TRUE(FindCameras({0.5, 0.6, 5.0, 0.5}, {0.5, 0.6, 4.0, 0.5}).empty());
 }
 
 TEST(ExtrinsicsCheck, NoiseOfAllOrTinyResidualsAreNoContradiction) {
-  EXPECT_TRUE(Find({5.0, 6.0, 7.0}, {0.5, 0.5, 0.5}).empty());
-  EXPECT_TRUE(Find({1e-9, 1e-9, 0.4}, {1e-12, 1e-12, 1e-12}).empty());
+  EXPECT_TRUE(FindCameras({5.0, 6.0, 7.0}, {0.5, 0.5, 0.5}).empty());
+  EXPECT_TRUE(FindCameras({1e-9, 1e-9, 0.4}, {1e-12, 1e-12, 1e-12}).empty());
 }
 
 TEST(ExtrinsicsCheck, WhereAllAreSpoiltTheStartTells) {
@@ -46,10 +46,10 @@ TEST(ExtrinsicsCheck, WhereAllAreSpoiltTheStartTells) {
 }
 
 TEST(ExtrinsicsCheck, CamerasWithoutObservations) {
-  EXPECT_EQ(Find({kNaN, 0.5, 0.5, 9.0}, {kNaN, 0.5, 0.5, 0.5}),
+  EXPECT_EQ(FindCameras({kNaN, 0.5, 0.5, 9.0}, {kNaN, 0.5, 0.5, 0.5}),
             std::vector<size_t>({3}));
-  EXPECT_TRUE(Find({kNaN}, {kNaN}).empty());
-  EXPECT_TRUE(Find({}, {}).empty());
+  EXPECT_TRUE(FindCameras({kNaN}, {kNaN}).empty());
+  EXPECT_TRUE(FindCameras({}, {}).empty());
 }
 
 // Pinhole cameras that start at 1000 px and end at these focal lengths.

@@ -19,9 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const size_t kNumCameras = RenderedCapture().num_cameras;
-const char* const kFrame0 = "frame000000";
-const char* const kFrame1 = "frame000001";
+const size_t kNumRenderedCameras = RenderedCapture().num_cameras;
+const char* const kRendered0 = "frame000000";
+const char* const kRendered1 = "frame000001";
 
 nlohmann::json ReadJson(const std::string& path) {
   return nlohmann::json::parse(ReadFile(path));
@@ -66,8 +66,8 @@ class TriangulatorTest : public testing::Test {
   // Images of frame 0 only.
   void CopyImages() const {
     fs::create_directories(Path("images"));
-    fs::copy(Input("images/" + std::string(kFrame0)),
-             Path("images/" + std::string(kFrame0)),
+    fs::copy(Input("images/" + std::string(kRendered0)),
+             Path("images/" + std::string(kRendered0)),
              fs::copy_options::recursive);
   }
 
@@ -92,10 +92,10 @@ TEST_F(TriangulatorTest, FramesHaveAllCamerasWithTheGivenCalibration) {
   CopyFrames();
   host::Reconstruction rig;
   ReadModel(Input("rig"), /*require_points=*/false, &rig);
-  for (const char* frame : {kFrame0, kFrame1}) {
+  for (const char* frame : {kRendered0, kRendered1}) {
     host::Reconstruction model;
     ReadModel(InFrame(frame, "sparse/0"), /*require_points=*/true, &model);
-    EXPECT_EQ(model.NumRegImages(), kNumCameras);
+    EXPECT_EQ(model.NumRegImages(), kNumRenderedCameras);
     EXPECT_GT(model.NumPoints3D(), 300);
     EXPECT_GT(model.ComputeMeanTrackLength(), 2.5);
     for (const auto& [image_id, image] : rig.Images()) {
@@ -166,12 +166,13 @@ TEST_F(TriangulatorTest, GivenDatabasesAreUsedAndNotChanged) {
   CopyFrames();
   // One frame with two-view geometries, one with matches only.
   {
-    const auto database = host::OpenDatabase(InFrame(kFrame1, "database.db"));
+    const auto database =
+        host::OpenDatabase(InFrame(kRendered1, "database.db"));
     database->ClearTwoViewGeometries();
   }
   std::map<std::string, std::string> bytes;
   std::map<std::string, size_t> num_points;
-  for (const char* frame : {kFrame0, kFrame1}) {
+  for (const char* frame : {kRendered0, kRendered1}) {
     bytes[frame] = ReadFile(InFrame(frame, "database.db"));
     num_points[frame] = NumPoints(InFrame(frame, "sparse/0"));
     fs::remove_all(InFrame(frame, "sparse"));
@@ -182,52 +183,54 @@ TEST_F(TriangulatorTest, GivenDatabasesAreUsedAndNotChanged) {
                                     {"SiftExtraction.max_num_features", "100"},
                                     {"MultiFrameTriangulator.overwrite", "1"}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
-  for (const char* frame : {kFrame0, kFrame1}) {
+  for (const char* frame : {kRendered0, kRendered1}) {
     EXPECT_TRUE(ReadFile(InFrame(frame, "database.db")) == bytes[frame]);
     EXPECT_FALSE(fs::exists(InFrame(frame, "database.db-wal")));
     EXPECT_EQ(ReadJson(InFrame(frame, "triangulation.json"))["database"],
               "given");
   }
   // Verification of the stored matches gives what it gave the first time.
-  EXPECT_EQ(NumPoints(InFrame(kFrame1, "sparse/0")), num_points[kFrame1]);
+  EXPECT_EQ(NumPoints(InFrame(kRendered1, "sparse/0")), num_points[kRendered1]);
   // No tolerance is known for geometries that come verified.
-  EXPECT_GT(NumPoints(InFrame(kFrame0, "sparse/0")), 0.7 * num_points[kFrame0]);
+  EXPECT_GT(NumPoints(InFrame(kRendered0, "sparse/0")),
+            0.7 * num_points[kRendered0]);
 }
 
 TEST_F(TriangulatorTest, FinishedFramesAreKeptAndUnfinishedOnesRedone) {
   CopyFrames();
-  const std::string database = ReadFile(InFrame(kFrame0, "database.db"));
+  const std::string database = ReadFile(InFrame(kRendered0, "database.db"));
   const std::string points =
-      ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin"));
+      ReadFile(InFrame(kRendered0, "sparse/0/points3D.bin"));
   // As after a kill: half a model, an empty record, a rest of the unfinished
   // folder.
-  WriteFile(InFrame(kFrame0, "sparse/0/points3D.bin"), "half");
-  WriteFile(InFrame(kFrame0, ".unfinished/database.db"), "half");
-  WriteFile(InFrame(kFrame0, "triangulation.json"), "{\"inputs\": 5}");
+  WriteFile(InFrame(kRendered0, "sparse/0/points3D.bin"), "half");
+  WriteFile(InFrame(kRendered0, ".unfinished/database.db"), "half");
+  WriteFile(InFrame(kRendered0, "triangulation.json"), "{\"inputs\": 5}");
   const auto time =
-      fs::last_write_time(InFrame(kFrame1, "sparse/0/images.bin"));
+      fs::last_write_time(InFrame(kRendered1, "sparse/0/images.bin"));
   const CommandResult result = Run({{"output_path", Path("frames")}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
   EXPECT_NE(result.output.find("finished before"), std::string::npos);
-  EXPECT_EQ(fs::last_write_time(InFrame(kFrame1, "sparse/0/images.bin")), time);
-  EXPECT_GT(NumPoints(InFrame(kFrame0, "sparse/0")), 300);
-  EXPECT_TRUE(ReadFile(InFrame(kFrame0, "database.db")) == database);
-  EXPECT_FALSE(fs::exists(InFrame(kFrame0, ".unfinished")));
+  EXPECT_EQ(fs::last_write_time(InFrame(kRendered1, "sparse/0/images.bin")),
+            time);
+  EXPECT_GT(NumPoints(InFrame(kRendered0, "sparse/0")), 300);
+  EXPECT_TRUE(ReadFile(InFrame(kRendered0, "database.db")) == database);
+  EXPECT_FALSE(fs::exists(InFrame(kRendered0, ".unfinished")));
 
   // Other options: the model is made anew, from the same database.
   const CommandResult other = Run({{"output_path", Path("frames")},
                                    {"Mapper.tri_ignore_two_view_tracks", "1"}});
   ASSERT_EQ(other.exit_code, 0) << other.error;
   EXPECT_EQ(other.output.find("finished before"), std::string::npos);
-  EXPECT_TRUE(ReadFile(InFrame(kFrame0, "database.db")) == database);
-  EXPECT_NE(ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin")), points);
+  EXPECT_TRUE(ReadFile(InFrame(kRendered0, "database.db")) == database);
+  EXPECT_NE(ReadFile(InFrame(kRendered0, "sparse/0/points3D.bin")), points);
 }
 
 TEST_F(TriangulatorTest, ModelsOfOtherProgramsAreNotReplaced) {
   CopyFrames();
-  fs::remove(InFrame(kFrame0, "triangulation.json"));
+  fs::remove(InFrame(kRendered0, "triangulation.json"));
   const std::string points =
-      ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin"));
+      ReadFile(InFrame(kRendered0, "sparse/0/points3D.bin"));
   const CommandResult result = Run({{"output_path", Path("frames")},
                                     {"MultiFrameTriangulator.overwrite", "1"}});
   EXPECT_EQ(result.exit_code, 0);
@@ -235,7 +238,7 @@ TEST_F(TriangulatorTest, ModelsOfOtherProgramsAreNotReplaced) {
                               "this command"),
             std::string::npos)
       << result.error;
-  EXPECT_TRUE(ReadFile(InFrame(kFrame0, "sparse/0/points3D.bin")) == points);
+  EXPECT_TRUE(ReadFile(InFrame(kRendered0, "sparse/0/points3D.bin")) == points);
 }
 
 // COLMAP aborts at these.
@@ -252,7 +255,7 @@ TEST_F(TriangulatorTest, DatabasesThatCannotBeRead) {
            {"UPDATE cameras SET params = x'00'", "parameters"}}) {
     SCOPED_TRACE(sql);
     CopyFrames();
-    for (const char* frame : {kFrame0, kFrame1}) {
+    for (const char* frame : {kRendered0, kRendered1}) {
       fs::remove_all(InFrame(frame, "sparse"));
       fs::remove(InFrame(frame, "triangulation.json"));
       SqliteFile(InFrame(frame, "database.db"), SQLITE_OPEN_READWRITE)
@@ -294,8 +297,8 @@ TEST_F(TriangulatorTest, BadFramesDoNotStopTheOthers) {
   }
   EXPECT_NE(result.output.find("cam08.png: cannot read the image"),
             std::string::npos);
-  EXPECT_EQ(ReadJson(InFrame(kFrame0, "triangulation.json"))["num_images"],
-            kNumCameras - 2);
+  EXPECT_EQ(ReadJson(InFrame(kRendered0, "triangulation.json"))["num_images"],
+            kNumRenderedCameras - 2);
   EXPECT_FALSE(fs::exists(Path("frames/empty")));
   EXPECT_EQ(ReadFile(InFrame("damaged", "database.db")),
             "SQLite format 3, or not");
@@ -327,14 +330,14 @@ TEST_F(TriangulatorTest, MasksAndOptionsOfIniFilesReachTheExtraction) {
                                     {"project_path", Path("project.ini")},
                                     {"SiftExtraction.max_num_features", "-"}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
-  const auto database = host::OpenDatabase(InFrame(kFrame0, "database.db"));
+  const auto database = host::OpenDatabase(InFrame(kRendered0, "database.db"));
   EXPECT_EQ(database->NumKeypointsForImage(1), 0);
   EXPECT_EQ(database->NumKeypointsForImage(2), 0);
   EXPECT_GT(database->NumKeypointsForImage(3), 30);
   EXPECT_LT(database->NumKeypointsForImage(3), 300);
   host::Reconstruction model;
-  ReadModel(InFrame(kFrame0, "sparse/0"), /*require_points=*/true, &model);
-  EXPECT_EQ(model.NumRegImages(), kNumCameras);
+  ReadModel(InFrame(kRendered0, "sparse/0"), /*require_points=*/true, &model);
+  EXPECT_EQ(model.NumRegImages(), kNumRenderedCameras);
   for (const auto& [id, point] : model.Points3D()) {
     double max_angle = 0.0;
     for (const auto& a : host::TrackOf(point).Elements()) {
@@ -369,7 +372,7 @@ TEST_F(TriangulatorTest, FocalLengthFactorReplacesTheIntrinsics) {
        {"MultiFrameTriangulator.focal_length_factor", std::to_string(factor)}});
   ASSERT_EQ(result.exit_code, 0) << result.error;
   host::Reconstruction model;
-  ReadModel(InFrame(kFrame0, "sparse/0"), /*require_points=*/true, &model);
+  ReadModel(InFrame(kRendered0, "sparse/0"), /*require_points=*/true, &model);
   for (const auto& [id, camera] : model.Cameras()) {
     EXPECT_EQ(camera.ModelName(), "SIMPLE_RADIAL");
     EXPECT_NEAR(camera.FocalLength(), rig_camera.FocalLengthX(), 1e-3);

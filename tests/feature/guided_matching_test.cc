@@ -17,7 +17,7 @@ using Matches = std::vector<std::pair<uint32_t, uint32_t>>;
 constexpr double kFocalLength1 = 800.0;
 constexpr double kFocalLength2 = 1200.0;
 
-struct TestImage {
+struct ViewOfPoints {
   Rigid3 cam_from_world;
   double focal_length;
   std::vector<Eigen::Vector3d> rays;
@@ -44,7 +44,7 @@ void AddFeature(const Eigen::Vector3d& ray,
                 const std::vector<double>& descriptor,
                 double noise,
                 Random* random,
-                TestImage* image) {
+                ViewOfPoints* image) {
   image->rays.push_back(ray.normalized());
   for (const double value : descriptor) {
     image->descriptors.push_back(static_cast<uint8_t>(
@@ -57,8 +57,8 @@ void AddFeature(const Eigen::Vector3d& ray,
 void MakeImages(const Rigid3& pose1,
                 const Rigid3& pose2,
                 uint64_t seed,
-                TestImage* image1,
-                TestImage* image2) {
+                ViewOfPoints* image1,
+                ViewOfPoints* image2) {
   Random random({seed});
   *image1 = {pose1, kFocalLength1, {}, {}};
   *image2 = {pose2, kFocalLength2, {}, {}};
@@ -79,15 +79,15 @@ void MakeImages(const Rigid3& pose1,
 
 // As COLMAP does it: every keypoint against every other.
 Matches MatchBruteForce(const GuidedMatchingOptions& options,
-                        const TestImage& image1,
-                        const TestImage& image2) {
+                        const ViewOfPoints& image1,
+                        const ViewOfPoints& image2) {
   const Eigen::Matrix3d E =
       EssentialMatrix(image1.cam_from_world, image2.cam_from_world);
   const size_t n1 = image1.rays.size();
   const size_t n2 = image2.rays.size();
   const Eigen::Vector3d baseline =
       image2.cam_from_world.Center() - image1.cam_from_world.Center();
-  const auto side = [&](const TestImage& image, size_t idx) {
+  const auto side = [&](const ViewOfPoints& image, size_t idx) {
     return baseline.cross(image.cam_from_world.rotation.conjugate() *
                           image.rays[idx]);
   };
@@ -140,7 +140,7 @@ TEST(MatchGuided, FindsWhatAllPairsOfKeypointsGive) {
   const GuidedMatchingOptions options;
   for (uint64_t seed = 0; seed < 5; ++seed) {
     Random random({100 + seed});
-    TestImage image1, image2;
+    ViewOfPoints image1, image2;
     MakeImages(LookingAlongZ(RandomVector(&random, 0.3), 0.1),
                LookingAlongZ(RandomVector(&random, 0.3), -0.1),
                seed,
@@ -162,7 +162,7 @@ TEST(MatchGuided, FindsWhatAllPairsOfKeypointsGive) {
 // longitudes wrap around.
 TEST(MatchGuided, WorksAroundTheEpipoles) {
   const GuidedMatchingOptions options;
-  TestImage image1, image2;
+  ViewOfPoints image1, image2;
   MakeImages(LookingAlongZ({0.01, 0.02, 0.0}, 0.0),
              LookingAlongZ({0.0, 0.0, 1.0}, 0.0),
              7,
@@ -178,8 +178,8 @@ TEST(MatchGuided, WorksAroundTheEpipoles) {
 // descriptor, the one on the line.
 TEST(MatchGuided, OnlyKeypointsNearTheLineAreCandidates) {
   Random random({3});
-  TestImage image1{LookingAlongZ({0.0, 0.0, 0.0}, 0.0), 1000.0, {}, {}};
-  TestImage image2{LookingAlongZ({1.0, 0.0, 0.0}, 0.0), 1000.0, {}, {}};
+  ViewOfPoints image1{LookingAlongZ({0.0, 0.0, 0.0}, 0.0), 1000.0, {}, {}};
+  ViewOfPoints image2{LookingAlongZ({1.0, 0.0, 0.0}, 0.0), 1000.0, {}, {}};
   const std::vector<double> descriptor = RandomDescriptor(&random);
   AddFeature({0.1, 0.0, 1.0}, descriptor, 0.0, &random, &image1);
   // Pure x baseline: lines are rows. 2 and 40 pixels off the row.
@@ -200,7 +200,7 @@ TEST(MatchGuided, OnlyKeypointsNearTheLineAreCandidates) {
 }
 
 TEST(MatchGuided, KeypointsWithoutRayMatchNothing) {
-  TestImage image1, image2;
+  ViewOfPoints image1, image2;
   MakeImages(LookingAlongZ({0.0, 0.0, 0.0}, 0.1),
              LookingAlongZ({0.5, 0.0, 0.0}, -0.1),
              1,

@@ -20,8 +20,8 @@
 namespace mfir {
 namespace {
 
-constexpr size_t kWidth = 90;
-constexpr size_t kHeight = 80;
+constexpr size_t kLaunchWidth = 90;
+constexpr size_t kLaunchHeight = 80;
 constexpr size_t kNumTemplates = 20;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
@@ -35,7 +35,7 @@ struct PatchCase {
 
 SplineImage RenderNoisy(const WaveTexture& texture, double sigma) {
   Random random({12});
-  return RenderFunction(kWidth, kHeight, [&](double x, double y) {
+  return RenderFunction(kLaunchWidth, kLaunchHeight, [&](double x, double y) {
     return texture.Value(x, y) + random.Normal(0.0, sigma);
   });
 }
@@ -55,8 +55,8 @@ PatchCase MakeCase(size_t num_jobs) {
   Random random({13});
   std::vector<Eigen::Vector2d> positions;
   while (positions.size() < kNumTemplates) {
-    const Eigen::Vector2d xy(random.Uniform(12.0, kWidth - 12.0),
-                             random.Uniform(12.0, kHeight - 12.0));
+    const Eigen::Vector2d xy(random.Uniform(12.0, kLaunchWidth - 12.0),
+                             random.Uniform(12.0, kLaunchHeight - 12.0));
     PatchTemplate patch;
     if (!MakePatchTemplate(result.images[0], xy, &patch)) continue;
     result.templates.push_back(patch);

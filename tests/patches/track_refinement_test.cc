@@ -26,8 +26,8 @@ namespace {
 constexpr size_t kNumCameras = 6;
 constexpr size_t kNumTracks = 60;
 constexpr double kFocalLength = 800.0;
-constexpr size_t kWidth = 280;
-constexpr size_t kHeight = 240;
+constexpr size_t kViewWidth = 280;
+constexpr size_t kViewHeight = 240;
 constexpr double kKeypointNoise = 0.4;  // px per axis
 
 // The head of the simulator in front of an arc of cameras, with exact truth.
@@ -50,8 +50,8 @@ Head MakeHead(double image_noise) {
   for (size_t i = 0; i < kNumCameras; ++i) {
     RigCamera camera;
     camera.model = model;
-    camera.width = kWidth;
-    camera.height = kHeight;
+    camera.width = kViewWidth;
+    camera.height = kViewHeight;
     camera.cam_from_world = LookAtOrigin(CameraCenter(i));
     camera.params = {kFocalLength + 3.0 * static_cast<double>(i),
                      kFocalLength,
@@ -393,8 +393,9 @@ TEST(RefinePatchTracks, CamerasWithoutImageKeepTheirKeypoints) {
 TEST(RefinePatchTracks, DefocusedCameraKeepsItsKeypoints) {
   const Head& head = SharedHead();
   std::vector<SplineImage> images = head.images;
-  images[2] = RenderFunction(
-      kWidth, kHeight, [](double x, double y) { return 0.1 * x + 0.05 * y; });
+  images[2] = RenderFunction(kViewWidth, kViewHeight, [](double x, double y) {
+    return 0.1 * x + 0.05 * y;
+  });
   const TrackRefinement refinement =
       RefinePatchTracks({}, head.cameras, images, head.tracks);
   EXPECT_TRUE(refinement.is_kept[2]);
@@ -407,9 +408,10 @@ TEST(RefinePatchTracks, OtherImagesChangeNothing) {
   std::vector<SplineImage> images;
   Random random({9});
   for (size_t i = 0; i < kNumCameras; ++i) {
-    images.push_back(RenderFunction(kWidth, kHeight, [&](double, double) {
-      return random.Uniform(0.0, 255.0);
-    }));
+    images.push_back(
+        RenderFunction(kViewWidth, kViewHeight, [&](double, double) {
+          return random.Uniform(0.0, 255.0);
+        }));
   }
   const TrackRefinement refinement =
       RefinePatchTracks({}, head.cameras, images, head.tracks);

@@ -10,7 +10,7 @@
 namespace mfir {
 namespace {
 
-MultiFrameOptions Options(double loss_scale) {
+MultiFrameOptions InitialOptions(double loss_scale) {
   MultiFrameOptions options;
   options.ApplyPreset("accurate");
   options.loss_scale = loss_scale;
@@ -23,7 +23,7 @@ TEST(InitializeIntrinsics, TakesTheMedianOfTheFrames) {
   scene_options.num_frames = 3;
   SceneEstimate scene = MakeTestScene(scene_options).start;
   const SceneEstimate before = scene;
-  scene = InitializeIntrinsics(Options(0.0), scene);
+  scene = InitializeIntrinsics(InitialOptions(0.0), scene);
   for (size_t i = 0; i < scene.estimate.cameras.size(); ++i) {
     for (size_t j = 0; j < 4; ++j) {
       EXPECT_EQ(scene.estimate.cameras[i].params[j],
@@ -43,7 +43,7 @@ TEST(InitializeIntrinsics, EvenNumberOfFramesAndMissingImages) {
   scene.scene.frames[2].images.pop_back();
   scene.estimate.frames[2].images.pop_back();
   const size_t last = scene.estimate.cameras.size() - 1;
-  scene = InitializeIntrinsics(Options(0.0), scene);
+  scene = InitializeIntrinsics(InitialOptions(0.0), scene);
   EXPECT_DOUBLE_EQ(scene.estimate.cameras[last].params[0],
                    0.5 * (scene.estimate.frames[0].images[last].params[0] +
                           scene.estimate.frames[1].images[last].params[0]));
@@ -51,7 +51,7 @@ TEST(InitializeIntrinsics, EvenNumberOfFramesAndMissingImages) {
 
 TEST(InitializeIntrinsics, HeldParametersAreEqualInAllFrames) {
   SceneEstimate scene = MakeTestScene({}).start;
-  MultiFrameOptions options = Options(0.0);
+  MultiFrameOptions options = InitialOptions(0.0);
   options.refine_principal_point = false;
   scene = InitializeIntrinsics(options, scene);
   for (const FrameEstimate& frame : scene.estimate.frames) {
@@ -78,7 +78,7 @@ TEST(InitializeIntrinsics, ImplausibleImagesDoNotCount) {
   for (FrameEstimate& frame : scene.estimate.frames) {
     frame.images[1].params[2] = -5.0;
   }
-  scene = InitializeIntrinsics(Options(0.0), scene);
+  scene = InitializeIntrinsics(InitialOptions(0.0), scene);
   for (size_t j = 0; j < 4; ++j) {
     EXPECT_DOUBLE_EQ(scene.estimate.cameras[0].params[j],
                      0.5 * (before.estimate.frames[0].images[0].params[j] +
@@ -108,7 +108,7 @@ TEST(InitializeIntrinsics, ImplausibleDistortionDoesNotCount) {
   for (FrameEstimate& frame : scene.estimate.frames) {
     frame.images[1].params[3] = -6e5;
   }
-  scene = InitializeIntrinsics(Options(0.0), scene);
+  scene = InitializeIntrinsics(InitialOptions(0.0), scene);
   EXPECT_DOUBLE_EQ(scene.estimate.cameras[0].params[3],
                    0.5 * (before.estimate.frames[0].images[0].params[3] +
                           before.estimate.frames[2].images[0].params[3]));
@@ -130,7 +130,7 @@ TEST(InitializeIntrinsics, TypicalLensesArePlausible) {
     for (FrameEstimate& frame : scene.estimate.frames) {
       frame.images[1].params = params;
     }
-    scene = InitializeIntrinsics(Options(0.0), scene);
+    scene = InitializeIntrinsics(InitialOptions(0.0), scene);
     EXPECT_EQ(scene.estimate.cameras[1].params, params) << model->Name();
   }
 }

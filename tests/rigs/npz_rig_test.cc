@@ -12,7 +12,7 @@ namespace {
 
 using Arrays = std::vector<std::pair<std::string, NumpyArray>>;
 
-Rig Read(const std::string& path) {
+Rig ReadNpz(const std::string& path) {
   return ReadRig(
       path, "npz", CameraNaming(), std::numeric_limits<double>::quiet_NaN());
 }
@@ -29,7 +29,7 @@ Arrays OneCamera() {
 TEST(NpzRig, IsReadAsWritten) {
   const TemporaryFolder folder;
   WriteNpz(folder / "cameras.npz", OneCamera());
-  const Rig rig = Read(folder / "cameras.npz");
+  const Rig rig = ReadNpz(folder / "cameras.npz");
   ASSERT_EQ(rig.cameras.size(), 1);
   EXPECT_EQ(rig.cameras[0].name, "\xc3\xa4");
   EXPECT_EQ(rig.cameras[0].params, std::vector<double>({9, 8, 4.5, 3.5}));
@@ -80,17 +80,17 @@ TEST(NpzRig, BadArraysAreErrors) {
       if (name == bad.name) array = bad.array;
     }
     WriteNpz(folder / "cameras.npz", arrays);
-    ExpectInputError([&]() { Read(folder / "cameras.npz"); },
+    ExpectInputError([&]() { ReadNpz(folder / "cameras.npz"); },
                      {"cameras.npz", bad.part});
   }
   const TemporaryFolder folder;
   Arrays arrays = OneCamera();
   arrays.erase(arrays.begin() + 1);
   WriteNpz(folder / "cameras.npz", arrays);
-  ExpectInputError([&]() { Read(folder / "cameras.npz"); },
+  ExpectInputError([&]() { ReadNpz(folder / "cameras.npz"); },
                    {"the array intrinsics is missing"});
   WriteFile(folder / "cameras.npz", "no archive");
-  ExpectInputError([&]() { Read(folder / "cameras.npz"); }, {"is no .npz"});
+  ExpectInputError([&]() { ReadNpz(folder / "cameras.npz"); }, {"is no .npz"});
   EXPECT_THROW(WriteNpz(folder / "cameras.npz", {{"x", {{1}, {}, {"\xff"}}}}),
                InputError);
   EXPECT_THROW(WriteNpz(folder / "none/cameras.npz", OneCamera()), OutputError);
@@ -108,7 +108,7 @@ TEST(NpzRig, EveryDamagedByteIsAnErrorOrDoesNotMatter) {
         damaged[i] = static_cast<char>(damaged[i] ^ change);
         WriteFile(folder / "damaged.npz", damaged);
         try {
-          EXPECT_GE(Read(folder / "damaged.npz").cameras.size(), 1);
+          EXPECT_GE(ReadNpz(folder / "damaged.npz").cameras.size(), 1);
         } catch (const InputError&) {
         }
       }

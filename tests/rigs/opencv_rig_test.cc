@@ -10,7 +10,7 @@
 namespace mfir {
 namespace {
 
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+const double kNoOffset = std::numeric_limits<double>::quiet_NaN();
 
 const std::string kExtrinsics =
     "%YAML:1.0\n"
@@ -73,9 +73,9 @@ const std::string kIntrinsics =
     "  dt: d\n"
     "  data: [0.2, 0., 0., 0., 0.01]\n";
 
-Rig Read(const std::string& path,
-         const std::string& format = "auto",
-         double pixel_offset = kNaN) {
+Rig ReadOpenCv(const std::string& path,
+               const std::string& format = "auto",
+               double pixel_offset = kNoOffset) {
   return ReadRig(path, format, CameraNaming(), pixel_offset);
 }
 
@@ -83,7 +83,7 @@ TEST(ReadRig, OpenCV) {
   const TemporaryFolder folder;
   WriteFile(folder / "extri.yml", kExtrinsics);
   WriteFile(folder / "intri.yml", kIntrinsics);
-  const Rig rig = Read(folder.Path());
+  const Rig rig = ReadOpenCv(folder.Path());
   EXPECT_EQ(rig.format, "opencv");
   ASSERT_EQ(rig.cameras.size(), 2);
   const KnownCamera& first = rig.cameras[0];
@@ -116,18 +116,18 @@ TEST(ReadRig, OpenCV) {
 
   // Each of the two files stands for the pair.
   for (const char* name : {"extri.yml", "intri.yml"}) {
-    EXPECT_EQ(Read(folder / name).cameras[0].params, first.params);
+    EXPECT_EQ(ReadOpenCv(folder / name).cameras[0].params, first.params);
   }
-  EXPECT_EQ(Read(folder.Path(), "opencv", 0.0).cameras[0].params[2], 960);
+  EXPECT_EQ(ReadOpenCv(folder.Path(), "opencv", 0.0).cameras[0].params[2], 960);
   // The matrices survive KRT.
   WriteKRT(folder / "KRT", {first});
-  EXPECT_EQ(Read(folder / "KRT").cameras[0].matrix.value(), matrix);
+  EXPECT_EQ(ReadOpenCv(folder / "KRT").cameras[0].matrix.value(), matrix);
 }
 
 TEST(ReadRig, OpenCVWithoutIntrinsicsAndWithNumbersAsNames) {
   const TemporaryFolder folder;
   WriteFile(folder / "extri.yml", Replaced(kExtrinsics, "- \"01\"", "- 1"));
-  const Rig rig = Read(folder.Path());
+  const Rig rig = ReadOpenCv(folder.Path());
   ASSERT_EQ(rig.cameras.size(), 2);
   EXPECT_EQ(rig.cameras[0].name, "1");
   EXPECT_EQ(rig.cameras[0].cam_from_world.translation(0), 0.1);
@@ -141,8 +141,8 @@ TEST(ReadRig, OpenCVWithInvisibleCharacters) {
   WriteFile(folder / "a/intri.yml", kIntrinsics);
   WriteFile(folder / "b/extri.yml", WithInvisibles(kExtrinsics));
   WriteFile(folder / "b/intri.yml", WithInvisibles(kIntrinsics));
-  const Rig a = Read(folder / "a");
-  const Rig b = Read(folder / "b");
+  const Rig a = ReadOpenCv(folder / "a");
+  const Rig b = ReadOpenCv(folder / "b");
   ASSERT_EQ(b.cameras.size(), 2);
   for (size_t i = 0; i < 2; ++i) {
     EXPECT_EQ(b.cameras[i].name, a.cameras[i].name);
@@ -159,7 +159,7 @@ TEST(ReadRig, OpenCVSingleFile) {
   const size_t intrinsics_begin = kIntrinsics.find("K_01");
   WriteFile(folder / "rig.yaml",
             kExtrinsics + kIntrinsics.substr(intrinsics_begin));
-  EXPECT_EQ(Read(folder / "rig.yaml").cameras[0].params[0], 1000.5);
+  EXPECT_EQ(ReadOpenCv(folder / "rig.yaml").cameras[0].params[0], 1000.5);
 }
 
 TEST(ReadRig, BadOpenCV) {
@@ -198,10 +198,11 @@ TEST(ReadRig, BadOpenCV) {
     WriteFile(folder / "intri.yml", kIntrinsics);
     const std::string path = folder / bad.file;
     WriteFile(path, Replaced(ReadFile(path), bad.from, bad.to));
-    ExpectInputError([&] { Read(folder.Path()); }, bad.message);
+    ExpectInputError([&] { ReadOpenCv(folder.Path()); }, bad.message);
   }
   std::filesystem::remove(folder / "extri.yml");
-  ExpectInputError([&] { Read(folder.Path()); }, {"extri.yml", "no such file"});
+  ExpectInputError([&] { ReadOpenCv(folder.Path()); },
+                   {"extri.yml", "no such file"});
 }
 
 TEST(ReadRig, GarbledOpenCVNeverCrashes) {
@@ -210,7 +211,7 @@ TEST(ReadRig, GarbledOpenCVNeverCrashes) {
   const auto try_read = [&](const std::string& extrinsics) {
     WriteFile(folder / "extri.yml", extrinsics);
     try {
-      Read(folder.Path());
+      ReadOpenCv(folder.Path());
     } catch (const InputError&) {
     }
   };

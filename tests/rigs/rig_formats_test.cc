@@ -14,10 +14,10 @@
 namespace mfir {
 namespace {
 
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+const double kFormatOffset = std::numeric_limits<double>::quiet_NaN();
 
-Rig Read(const std::string& path, const std::string& format = "auto") {
-  return ReadRig(path, format, CameraNaming(), kNaN);
+Rig ReadAny(const std::string& path, const std::string& format = "auto") {
+  return ReadRig(path, format, CameraNaming(), kFormatOffset);
 }
 
 Eigen::Vector2d Project(const KnownCamera& camera, const Eigen::Vector3d& xyz) {
@@ -43,7 +43,7 @@ class RigFormatTest : public testing::TestWithParam<RigExample> {
 // See rig_examples.h for the numbers.
 TEST_P(RigFormatTest, HandComputedProjection) {
   const RigExample& example = GetParam();
-  const Rig rig = Read(example.Write(folder_.Path()));
+  const Rig rig = ReadAny(example.Write(folder_.Path()));
   EXPECT_EQ(rig.format, example.format);
   ASSERT_EQ(rig.cameras.size(), 2);
   const KnownCamera& a = Find(rig, "a");
@@ -63,7 +63,7 @@ TEST_P(RigFormatTest, HandComputedProjection) {
 
 TEST_P(RigFormatTest, PixelOffsetAddsToPrincipalPoints) {
   const std::string path = GetParam().Write(folder_.Path());
-  const Rig rig = ReadRig(path, "auto", CameraNaming(), kNaN);
+  const Rig rig = ReadRig(path, "auto", CameraNaming(), kFormatOffset);
   const Rig shifted = ReadRig(path, "auto", CameraNaming(), 7.0);
   const double offset =
       7.0 - FindRigFormat("format", GetParam().format).pixel_offset;
@@ -84,7 +84,7 @@ TEST_P(RigFormatTest, CutOffFilesAreErrors) {
     const std::string path = example.Write(folder_.Path());
     WriteFile(folder_ / name,
               content.substr(0, static_cast<size_t>(share * content.size())));
-    EXPECT_THROW(Read(path, example.format), InputError)
+    EXPECT_THROW(ReadAny(path, example.format), InputError)
         << example.format << " " << share;
   }
 }
@@ -172,7 +172,7 @@ TEST(RigFormats, RoundTripThroughEveryPair) {
         SCOPED_TRACE(name + ": " + first.name + " to " + second.name);
         const TemporaryFolder folder;
         WriteRig(folder / "1", first, cameras);
-        Rig rig = Read(folder / "1");
+        Rig rig = ReadAny(folder / "1");
         ASSERT_EQ(rig.format, first.name);
         for (KnownCamera& camera : rig.cameras) {
           if (camera.width > 0) continue;
@@ -181,7 +181,7 @@ TEST(RigFormats, RoundTripThroughEveryPair) {
           camera.height = cameras[0].height;
         }
         WriteRig(folder / "2", second, rig.cameras);
-        const Rig again = Read(folder / "2");
+        const Rig again = ReadAny(folder / "2");
         ASSERT_EQ(again.format, second.name);
         ExpectSameRig(cameras, again.cameras, true);
       }
@@ -219,7 +219,8 @@ TEST(RigFormats, WhatCannotBeHeldIsSaid) {
   EXPECT_EQ(remarks_of("multical", "FULL_OPENCV"), "");
   EXPECT_EQ(remarks_of("transforms", "RADIAL_FISHEYE"), "");
   // The principal point and the focal length stay.
-  ExpectSameRig(RandomCameras("OPENCV"), Read(folder / "csv").cameras, false);
+  ExpectSameRig(
+      RandomCameras("OPENCV"), ReadAny(folder / "csv").cameras, false);
 }
 
 TEST(RigFormats, WhatAFormatNeedsIsAnError) {
@@ -239,7 +240,7 @@ TEST(RigFormats, WhatAFormatNeedsIsAnError) {
       {"'cam01'", "no intrinsics"});
   EXPECT_TRUE(WriteRig(folder / "rig", FindRigFormat("", "rig_config"), cameras)
                   .size() > 0);
-  EXPECT_EQ(Read(folder / "rig").cameras[1].model, nullptr);
+  EXPECT_EQ(ReadAny(folder / "rig").cameras[1].model, nullptr);
 }
 
 // As multical, Metashape and others name things differently.
@@ -375,11 +376,11 @@ TEST(RigFormats, BadInput) {
       const std::string path = example.Write(folder.Path());
       if (bad.parts.empty()) {
         // Not an error: the camera without pose is left out, and it is said.
-        const Rig rig = Read(path, bad.format);
+        const Rig rig = ReadAny(path, bad.format);
         EXPECT_EQ(rig.cameras.size(), 1);
         EXPECT_EQ(rig.remarks.size(), 1);
       } else {
-        ExpectInputError([&]() { Read(path, bad.format); }, bad.parts);
+        ExpectInputError([&]() { ReadAny(path, bad.format); }, bad.parts);
       }
     }
   }
@@ -387,15 +388,16 @@ TEST(RigFormats, BadInput) {
 
 TEST(RigFormats, NotARig) {
   const TemporaryFolder folder;
-  ExpectInputError([&]() { Read(folder / "none"); },
+  ExpectInputError([&]() { ReadAny(folder / "none"); },
                    {"no such file or folder", "camchain.yaml"});
-  ExpectInputError([&]() { Read(folder.Path()); }, {"not a known rig format"});
+  ExpectInputError([&]() { ReadAny(folder.Path()); },
+                   {"not a known rig format"});
   WriteFile(folder / "a.json", "{\"x\": 1}");
-  ExpectInputError([&]() { Read(folder / "a.json"); },
+  ExpectInputError([&]() { ReadAny(folder / "a.json"); },
                    {"not a known rig format"});
   WriteFile(folder / "b.json", "{\"frames\": [");
-  ExpectInputError([&]() { Read(folder / "b.json"); }, {"not valid JSON"});
-  EXPECT_THROW(Read(folder / "a.json", "bundler"), UsageError);
+  ExpectInputError([&]() { ReadAny(folder / "b.json"); }, {"not valid JSON"});
+  EXPECT_THROW(ReadAny(folder / "a.json", "bundler"), UsageError);
 }
 
 // The world of a georeferenced chunk: x_world = 2 Rz(90 deg) x + (10, 20, 30).
@@ -409,7 +411,7 @@ TEST(RigFormats, MetashapeChunkTransform) {
                        "<transform><rotation>0 -1 0 1 0 0 0 0 1</rotation>"
                        "<translation>10 20 30</translation><scale>2</scale>"
                        "</transform>\n    <cameras next_id");
-    const Rig rig = Read(example.Write(folder.Path()));
+    const Rig rig = ReadAny(example.Write(folder.Path()));
     // 2 * (-2, 1, 3) + (10, 20, 30)
     EXPECT_LT(
         (Find(rig, "a").cam_from_world.Center() - Eigen::Vector3d(6, 22, 36))
@@ -431,7 +433,7 @@ TEST(RigFormats, TransformsOfInstantNgp) {
                 "is_fisheye": true, "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4,
                 "frames": [{"file_path": "a", "transform_matrix":
                 [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]}]})");
-  const Rig rig = Read(folder / "transforms.json");
+  const Rig rig = ReadAny(folder / "transforms.json");
   EXPECT_EQ(rig.cameras[0].model, FindCameraModel("OPENCV_FISHEYE"));
   const std::vector<double> expected = {320, 320, 320, 240, 0.1, 0.2, 0.3, 0.4};
   for (size_t i = 0; i < expected.size(); ++i) {
@@ -467,7 +469,7 @@ TEST(RigFormats, ManyImagesPerCamera) {
     const TemporaryFolder folder;
     WriteFile(folder / "cameras.txt", cameras);
     WriteFile(folder / "images.txt", images(names, "2"));
-    const Rig rig = Read(folder.Path());
+    const Rig rig = ReadAny(folder.Path());
     ASSERT_EQ(rig.cameras.size(), 2);
     EXPECT_EQ(rig.cameras[0].name, "c1");
     EXPECT_EQ(rig.cameras[1].name, "c2");
@@ -481,9 +483,9 @@ TEST(RigFormats, ManyImagesPerCamera) {
       "0/c1.png", "1/c1.png", "0/c2.png", "1/c2.png"};
   WriteFile(folder / "cameras.txt", cameras);
   WriteFile(folder / "images.txt", images(names, "2.000001"));
-  EXPECT_EQ(Read(folder.Path()).cameras.size(), 2);
+  EXPECT_EQ(ReadAny(folder.Path()).cameras.size(), 2);
   WriteFile(folder / "images.txt", images(names, "2.00001"));
-  ExpectInputError([&]() { Read(folder.Path()); },
+  ExpectInputError([&]() { ReadAny(folder.Path()); },
                    {"'0/c2.png' and '1/c2.png' are both camera 'c2'",
                     "poses differ by 0 rad"});
 }

@@ -11,7 +11,7 @@
 namespace mfir {
 namespace {
 
-const double kNaN = std::numeric_limits<double>::quiet_NaN();
+const double kDefaultOffset = std::numeric_limits<double>::quiet_NaN();
 
 const std::string kKRT =
     "400015\n"
@@ -41,9 +41,9 @@ const std::string kKRT =
     "0 0 -1 7\n"
     "0 1 0 8\n";
 
-Rig Read(const std::string& path,
-         const std::string& format = "auto",
-         double pixel_offset = kNaN) {
+Rig ReadFormat(const std::string& path,
+               const std::string& format = "auto",
+               double pixel_offset = kDefaultOffset) {
   return ReadRig(path, format, CameraNaming(), pixel_offset);
 }
 
@@ -63,7 +63,7 @@ void ExpectSameCameras(const std::vector<KnownCamera>& a,
 TEST(ReadRig, KRT) {
   const TemporaryFolder folder;
   WriteFile(folder / "KRT", kKRT);
-  const Rig rig = Read(folder / "KRT");
+  const Rig rig = ReadFormat(folder / "KRT");
   EXPECT_EQ(rig.format, "krt");
   ASSERT_EQ(rig.cameras.size(), 3);
   EXPECT_EQ(rig.cameras[0].name, "7");
@@ -98,20 +98,22 @@ TEST(ReadRig, KRTIsTolerantOfSpacing) {
     spaced += c == ' ' ? " \t " : c == '\n' ? " \r\n\n" : std::string(1, c);
   }
   WriteFile(folder / "b", spaced);
-  ExpectSameCameras(Read(folder / "a").cameras, Read(folder / "b").cameras);
+  ExpectSameCameras(ReadFormat(folder / "a").cameras,
+                    ReadFormat(folder / "b").cameras);
 }
 
 TEST(ReadRig, KRTWithInvisibleCharacters) {
   const TemporaryFolder folder;
   WriteFile(folder / "a", kKRT);
   WriteFile(folder / "b", WithInvisibles(kKRT));
-  ExpectSameCameras(Read(folder / "a").cameras, Read(folder / "b").cameras);
+  ExpectSameCameras(ReadFormat(folder / "a").cameras,
+                    ReadFormat(folder / "b").cameras);
 }
 
 TEST(ReadRig, PixelOffset) {
   const TemporaryFolder folder;
   WriteFile(folder / "KRT", kKRT);
-  const Rig rig = Read(folder / "KRT", "krt", 0.5);
+  const Rig rig = ReadFormat(folder / "KRT", "krt", 0.5);
   EXPECT_EQ(rig.cameras[0].params[2], 320.5);
   EXPECT_EQ(rig.cameras[0].params[3], 240.5);
 }
@@ -142,7 +144,7 @@ TEST(WriteKRT, RoundTripIsBitIdentical) {
     }
   }
   EXPECT_TRUE(WriteKRT(folder / "1", cameras).empty());
-  const Rig first = Read(folder / "1");
+  const Rig first = ReadFormat(folder / "1");
   for (size_t i = 0; i < cameras.size(); ++i) {
     EXPECT_EQ(first.cameras[i].model, cameras[i].model);
     EXPECT_EQ(first.cameras[i].params, cameras[i].params);
@@ -154,7 +156,7 @@ TEST(WriteKRT, RoundTripIsBitIdentical) {
   }
   WriteKRT(folder / "2", first.cameras);
   EXPECT_EQ(ReadFile(folder / "1"), ReadFile(folder / "2"));
-  ExpectSameCameras(first.cameras, Read(folder / "2").cameras);
+  ExpectSameCameras(first.cameras, ReadFormat(folder / "2").cameras);
 }
 
 TEST(WriteKRT, ModelsOfCOLMAP) {
@@ -193,7 +195,7 @@ TEST(WriteKRT, ModelsOfCOLMAP) {
   std::sort(reported.begin(), reported.end());
   EXPECT_EQ(reported, without_distortion);
   const double uv[2] = {0.1, -0.2};
-  for (const KnownCamera& read : Read(folder / "KRT").cameras) {
+  for (const KnownCamera& read : ReadFormat(folder / "KRT").cameras) {
     for (const KnownCamera& written : cameras) {
       if (written.name != read.name) {
         continue;
@@ -247,10 +249,10 @@ TEST(ReadRig, BadKRT) {
     WriteFile(folder / "KRT", Replaced(kKRT, bad.from, bad.to));
     std::vector<std::string> message = bad.message;
     message.push_back(folder / "KRT");
-    ExpectInputError([&] { Read(folder / "KRT"); }, message);
+    ExpectInputError([&] { ReadFormat(folder / "KRT"); }, message);
   }
   WriteFile(folder / "empty", "\n");
-  ExpectInputError([&] { Read(folder / "empty"); }, {"no camera"});
+  ExpectInputError([&] { ReadFormat(folder / "empty"); }, {"no camera"});
 }
 
 TEST(ReadRig, TruncatedKRT) {
@@ -258,7 +260,7 @@ TEST(ReadRig, TruncatedKRT) {
   for (size_t size = 0; size < kKRT.size(); ++size) {
     WriteFile(folder / "KRT", kKRT.substr(0, size));
     try {
-      EXPECT_LE(Read(folder / "KRT").cameras.size(), 3);
+      EXPECT_LE(ReadFormat(folder / "KRT").cameras.size(), 3);
     } catch (const InputError&) {
     }
   }
@@ -272,7 +274,7 @@ TEST(ReadRig, Colmap) {
   WriteFile(folder / "images.txt",
             "1 1 0 0 0 0.5 -1.5 2 1 camera000012_frame0.png\n\n"
             "2 0 1 0 0 1 2 3 2 camera000002_frame0.png\n\n");
-  const Rig rig = Read(folder.Path());
+  const Rig rig = ReadFormat(folder.Path());
   EXPECT_EQ(rig.format, "colmap");
   ASSERT_EQ(rig.cameras.size(), 2);
   EXPECT_EQ(rig.cameras[0].name, "2");
@@ -285,32 +287,37 @@ TEST(ReadRig, Colmap) {
   EXPECT_EQ(rig.cameras[1].cam_from_world.translation,
             Eigen::Vector3d(0.5, -1.5, 2));
 
-  EXPECT_EQ(Read(folder.Path(), "colmap", 0.5).cameras[0].params,
+  EXPECT_EQ(ReadFormat(folder.Path(), "colmap", 0.5).cameras[0].params,
             std::vector<double>({1000, 960.5, 540.5, 0.1}));
   // Images that the regex does not match keep their own names.
-  EXPECT_EQ(
-      ReadRig(folder.Path(), "", CameraNaming("(x)"), kNaN).cameras[0].name,
-      "camera000002_frame0.png");
+  EXPECT_EQ(ReadRig(folder.Path(), "", CameraNaming("(x)"), kDefaultOffset)
+                .cameras[0]
+                .name,
+            "camera000002_frame0.png");
   ExpectInputError(
-      [&] { ReadRig(folder.Path(), "", CameraNaming("_(frame)"), kNaN); },
+      [&] {
+        ReadRig(folder.Path(), "", CameraNaming("_(frame)"), kDefaultOffset);
+      },
       {"camera000002_frame0.png", "both camera 'frame'"});
   WriteFile(folder / "images.txt", "");
-  ExpectInputError([&] { Read(folder.Path()); }, {"no camera in it"});
+  ExpectInputError([&] { ReadFormat(folder.Path()); }, {"no camera in it"});
 }
 
 TEST(ReadRig, Detection) {
   const TemporaryFolder folder;
-  ExpectInputError([&] { Read(folder / "no"); },
+  ExpectInputError([&] { ReadFormat(folder / "no"); },
                    {"no such file or folder", "cameras and images", "KRT"});
-  ExpectInputError([&] { Read(folder.Path()); }, {"not a known rig format"});
-  ExpectInputError([&] { Read(folder.Path(), "krt"); }, {"folder", "a file"});
-  ExpectInputError([&] { Read(folder.Path(), "opencv"); }, {"extri.yml"});
-  ExpectInputError([&] { Read(folder.Path(), "colmap"); }, {"cameras"});
-  EXPECT_THROW(Read(folder.Path(), "bundler"), UsageError);
+  ExpectInputError([&] { ReadFormat(folder.Path()); },
+                   {"not a known rig format"});
+  ExpectInputError([&] { ReadFormat(folder.Path(), "krt"); },
+                   {"folder", "a file"});
+  ExpectInputError([&] { ReadFormat(folder.Path(), "opencv"); }, {"extri.yml"});
+  ExpectInputError([&] { ReadFormat(folder.Path(), "colmap"); }, {"cameras"});
+  EXPECT_THROW(ReadFormat(folder.Path(), "bundler"), UsageError);
   // Forced formats win over what detection would find.
   WriteFile(folder / "KRT.yml", kKRT);
-  ExpectInputError([&] { Read(folder / "KRT.yml"); }, {"%YAML:1.0"});
-  EXPECT_EQ(Read(folder / "KRT.yml", "krt").cameras.size(), 3);
+  ExpectInputError([&] { ReadFormat(folder / "KRT.yml"); }, {"%YAML:1.0"});
+  EXPECT_EQ(ReadFormat(folder / "KRT.yml", "krt").cameras.size(), 3);
 }
 
 TEST(ReadRig, RealCalibrations) {
@@ -323,13 +330,13 @@ TEST(ReadRig, RealCalibrations) {
         Calibration{"robovision12", 12},
         Calibration{"strecha_herz_jesus_p8", 8}}) {
     MFIR_REQUIRE_TEST_DATA(calibration.name);
-    const Rig rig =
-        Read((TestDataFolder() / calibration.name / "calibration").string());
+    const Rig rig = ReadFormat(
+        (TestDataFolder() / calibration.name / "calibration").string());
     EXPECT_EQ(rig.cameras.size(), calibration.num_cameras);
     // Through KRT and back.
     const TemporaryFolder folder;
     EXPECT_TRUE(WriteKRT(folder / "KRT", rig.cameras).empty());
-    const Rig krt = Read(folder / "KRT");
+    const Rig krt = ReadFormat(folder / "KRT");
     ASSERT_EQ(krt.cameras.size(), rig.cameras.size());
     for (size_t i = 0; i < rig.cameras.size(); ++i) {
       EXPECT_EQ(krt.cameras[i].name, rig.cameras[i].name);

@@ -21,6 +21,14 @@ namespace mfir {
 constexpr size_t kTestWidth = 800;  // px
 constexpr size_t kTestHeight = 600;
 
+const ceres::TrivialLoss kTrivialLoss;
+
+inline FixedExtrinsicsOptions OptionsWithLoss(const ceres::LossFunction* loss) {
+  FixedExtrinsicsOptions options;
+  options.loss = loss;
+  return options;
+}
+
 // Plausible intrinsics of any camera model for a lens of about 1000 px.
 std::vector<double> TypicalParams(const CameraModel& model);
 
