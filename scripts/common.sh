@@ -324,8 +324,8 @@ show_progress() {
 # build TARGET...
 build() {
   local log=$BUILD_PATH/logs/build.log jobs memory_jobs
-  # The largest files need 1.5 GB of memory to compile.
-  memory_jobs=$(awk '/^MemAvailable:/ { print int($2 / 1.5e6) }' /proc/meminfo)
+  # The largest files need 2.5 GB of memory to compile.
+  memory_jobs=$(awk '/^MemAvailable:/ { print int($2 / 2.5e6) }' /proc/meminfo)
   jobs=$(nproc)
   ((memory_jobs >= jobs)) || jobs=$((memory_jobs > 1 ? memory_jobs : 1))
   printf 'Building %s with %d jobs (the first time takes minutes) ...\n' "$*" "$jobs"
