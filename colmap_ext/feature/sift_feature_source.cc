@@ -142,24 +142,27 @@ void FillPatches(const VlDsiftFilter& filter,
                  DenseFeaturePatches* patches) {
   const float* descriptors = vl_dsift_get_descriptors(&filter);
   const VlDsiftKeypoint* keypoints = vl_dsift_get_keypoints(&filter);
-  std::vector<float> roots(
-      static_cast<size_t>(region.Area()) * kNumSiftChannels, 0.0f);
+  std::vector<uint16_t> halves(
+      static_cast<size_t>(region.Area()) * kNumSiftChannels, 0);
+  float root[kNumSiftChannels];
   for (int i = 0; i < region.Area(); ++i) {
     if (keypoints[i].norm > kMinSiftGradient) {
       const size_t offset = static_cast<size_t>(i) * kNumSiftChannels;
-      RootNormalize(descriptors + offset, &roots[offset]);
+      RootNormalize(descriptors + offset, root);
+      FloatsToHalves(root, kNumSiftChannels, &halves[offset]);
     }
   }
+  const size_t row_size =
+      static_cast<size_t>(patches->patch_size) * kNumSiftChannels;
   for (const size_t i : region.patches) {
+    const Eigen::Vector2i corner =
+        patches->corners[i] - Eigen::Vector2i(region.x, region.y);
+    uint16_t* patch = &patches->data[i * patches->PatchNumElements()];
     for (int row = 0; row < patches->patch_size; ++row) {
-      for (int column = 0; column < patches->patch_size; ++column) {
-        const size_t pixel =
-            static_cast<size_t>(patches->corners[i].y() + row - region.y) *
-                region.width +
-            patches->corners[i].x() + column - region.x;
-        SetDescriptor(
-            &roots[pixel * kNumSiftChannels], i, column, row, patches);
-      }
+      const size_t pixel =
+          static_cast<size_t>(corner.y() + row) * region.width + corner.x();
+      std::copy_n(
+          &halves[pixel * kNumSiftChannels], row_size, patch + row * row_size);
     }
   }
 }

@@ -3,14 +3,7 @@
 #include <algorithm>
 
 #include "src/parallel/parallel_for.h"
-
-// Compiled for several instruction sets, of which the machine's best is used.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define MFIR_TARGET_CLONES \
-  __attribute__((target_clones("default", "arch=haswell", "arch=x86-64-v4")))
-#else
-#define MFIR_TARGET_CLONES
-#endif
+#include "src/util/target_clones.h"
 
 namespace mfir {
 namespace {

@@ -4,6 +4,8 @@
 #include <cmath>
 
 #include "src/util/errors.h"
+#include "src/util/half_float.h"
+#include "src/util/target_clones.h"
 
 namespace mfir {
 namespace {
@@ -67,6 +69,11 @@ DenseFeaturePatches NoPatches(const DenseFeatureRequest& request) {
   return patches;
 }
 
+MFIR_TARGET_CLONES
+void FloatsToHalves(const float* values, int num_values, uint16_t* halves) {
+  for (int i = 0; i < num_values; ++i) halves[i] = FloatToHalf(values[i]);
+}
+
 void SetDescriptor(const float* descriptor,
                    size_t i,
                    int column,
@@ -75,9 +82,7 @@ void SetDescriptor(const float* descriptor,
   const size_t pixel =
       (i * patches->patch_size + row) * patches->patch_size + column;
   uint16_t* data = &patches->data[pixel * patches->num_channels];
-  for (int c = 0; c < patches->num_channels; ++c) {
-    data[c] = Eigen::numext::bit_cast<uint16_t>(Eigen::half(descriptor[c]));
-  }
+  FloatsToHalves(descriptor, patches->num_channels, data);
 }
 
 void InvalidateNonFinite(DenseFeaturePatches* patches) {

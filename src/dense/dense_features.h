@@ -100,6 +100,9 @@ DenseFeaturePatches PlaceEmptyPatches(const DenseFeatureRequest& request,
 // An image without any feature.
 DenseFeaturePatches NoPatches(const DenseFeatureRequest& request);
 
+// As patches store them: rounded to nearest, not finite beyond the range.
+void FloatsToHalves(const float* values, int num_values, uint16_t* halves);
+
 // Copies a descriptor to feature pixel (column, row) of patch i.
 void SetDescriptor(const float* descriptor,
                    size_t i,

@@ -1,7 +1,7 @@
 // IEEE half precision (fp16) as stored in feature patches and cost maps.
 //
 // Own code and not Eigen::half: it compiles to the same arithmetic in CUDA
-// kernels, and HalfToFloat has no branch, so that loops over it vectorize.
+// kernels, and has no branches, so that loops over it vectorize.
 
 #pragma once
 
@@ -43,22 +43,19 @@ MFIR_HOST_DEVICE float HalfToFloat(uint16_t half) {
   return BitsToFloat(bits | static_cast<uint32_t>(half & 0x8000u) << 16);
 }
 
-// Rounds to nearest, ties to even.
+// Rounds to nearest, ties to even. Without branches, too.
 MFIR_HOST_DEVICE uint16_t FloatToHalf(float value) {
   const uint32_t bits = FloatToBits(value);
   const uint32_t sign = (bits >> 16) & 0x8000u;
   const uint32_t magnitude = bits & 0x7fffffffu;
-  uint32_t half;
-  if (magnitude > 0x7f800000u) {  // NaN
-    half = 0x7e00u;
-  } else if (magnitude >= 0x477ff000u) {  // rounds to more than kMaxHalf
-    half = 0x7c00u;
-  } else if (magnitude < 0x38800000u) {
-    // Subnormal: the last place of 0.5f is the unit of subnormal halves.
-    half = FloatToBits(BitsToFloat(magnitude) + 0.5f) - 0x3f000000u;
-  } else {
-    half = (magnitude - 0x38000000u + 0xfffu + ((magnitude >> 13) & 1u)) >> 13;
-  }
+  // Subnormal: the last place of 0.5f is the unit of subnormal halves.
+  const uint32_t subnormal =
+      FloatToBits(BitsToFloat(magnitude) + 0.5f) - 0x3f000000u;
+  const uint32_t normal =
+      (magnitude - 0x38000000u + 0xfffu + ((magnitude >> 13) & 1u)) >> 13;
+  uint32_t half = magnitude < 0x38800000u ? subnormal : normal;
+  half = magnitude >= 0x477ff000u ? 0x7c00u : half;  // more than kMaxHalf
+  half = magnitude > 0x7f800000u ? 0x7e00u : half;   // NaN
   return static_cast<uint16_t>(sign | half);
 }
 
