@@ -103,7 +103,7 @@ std::vector<double> JsonValue::Numbers() const {
 }
 
 std::vector<double> JsonValue::Numbers(size_t size) const {
-  const std::vector<double> numbers = Numbers();
+  std::vector<double> numbers = Numbers();
   if (numbers.size() != size) {
     Fail("has " + std::to_string(numbers.size()) + " numbers, not " +
          std::to_string(size));

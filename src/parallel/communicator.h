@@ -68,6 +68,7 @@ inline std::vector<bool> Any(const Communicator& ranks,
   std::vector<double> counts(are_true.begin(), are_true.end());
   ranks.Sum(counts.data(), counts.size());
   std::vector<bool> any;
+  any.reserve(counts.size());
   for (const double count : counts) any.push_back(count > 0.0);
   return any;
 }
