@@ -1,5 +1,6 @@
 #include "colmap_ext/host/database.h"
 
+#include "colmap_ext/host/v4/pose.h"
 #include "src/util/errors.h"
 
 namespace mfir::host {
@@ -74,8 +75,7 @@ void WriteCalibratedGeometry(image_t image_id1,
   colmap::TwoViewGeometry geometry;
   geometry.config = colmap::TwoViewGeometry::CALIBRATED;
   geometry.E = essential_matrix;
-  geometry.cam2_from_cam1 =
-      colmap::Rigid3d(cam2_from_cam1.rotation, cam2_from_cam1.translation);
+  geometry.cam2_from_cam1 = ToColmap(cam2_from_cam1);
   geometry.inlier_matches = inlier_matches;
   database->WriteTwoViewGeometry(image_id1, image_id2, geometry);
 }

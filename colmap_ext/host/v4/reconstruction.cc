@@ -4,13 +4,10 @@
 
 #include "colmap/scene/reconstruction_io_binary.h"
 #include "colmap/scene/reconstruction_io_text.h"
+#include "colmap_ext/host/v4/pose.h"
 
 namespace mfir::host {
 namespace {
-
-colmap::Rigid3d ToColmap(const Rigid3& pose) {
-  return colmap::Rigid3d(pose.rotation, pose.translation);
-}
 
 // A copy that no reconstruction owns yet.
 Image Detached(const Image& image) {

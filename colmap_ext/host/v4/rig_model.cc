@@ -1,13 +1,11 @@
 #include "colmap_ext/host/rig_model.h"
 
+#include "colmap_ext/host/v4/pose.h"
+
 namespace mfir::host {
 namespace {
 
 constexpr colmap::rig_t kRigId = 1;
-
-colmap::Rigid3d ToColmap(const Rigid3& pose) {
-  return colmap::Rigid3d(pose.rotation, pose.translation);
-}
 
 }  // namespace
 
