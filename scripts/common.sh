@@ -281,7 +281,7 @@ configure() {
   # COLMAP renames a folder of PoseLib's: in a copy.
   if [[ -n $POSELIB_SOURCE ]]; then
     rm -rf "$BUILD_PATH/poselib_source"
-    cp -r "$POSELIB_SOURCE" "$BUILD_PATH/poselib_source"
+    cp -rp "$POSELIB_SOURCE" "$BUILD_PATH/poselib_source"
     arguments+=(-DFETCHCONTENT_SOURCE_DIR_POSELIB="$BUILD_PATH/poselib_source")
   fi
   run_step "Configuring with COLMAP in $COLMAP_SOURCE" configure \
