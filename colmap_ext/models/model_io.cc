@@ -18,9 +18,11 @@
 #include <vector>
 
 #include "colmap_ext/host/reconstruction.h"
+#include "colmap_ext/host/rig_model.h"
 #include "colmap_ext/io/input_file.h"
 #include "colmap_ext/models/camera_models.h"
 #include "colmap_ext/models/model_check.h"
+#include "colmap_ext/models/model_frames.h"
 #include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
 
@@ -217,7 +219,9 @@ void MakeModelFiles(const fs::path& folder, const std::string& extension) {
     throw OutputError(folder.string() +
                       ": cannot make the folder: " + error.message() + ".");
   }
-  for (const char* name : {"cameras", "images", "points3D"}) {
+  std::vector<std::string> names = {"cameras", "images", "points3D"};
+  if (host::kHasRigs) names.insert(names.end(), {"rigs", "frames"});
+  for (const std::string& name : names) {
     if (!std::ofstream(folder / (name + extension))) {
       throw OutputError((folder / (name + extension)).string() +
                         ": cannot write the file. Is the disk full?");
@@ -358,6 +362,7 @@ void WriteModel(const std::string& path,
                             (folder / "points3D.bin").string()};
   try {
     CheckBinaryModel(files, files);
+    if (host::kHasRigs) ReadModelFrames(path, reconstruction);
   } catch (const InputError& error) {
     throw OutputError("The model just written to " + path +
                       " is not complete: " + error.what() +
