@@ -61,7 +61,7 @@ attempt() {
   num_runs=$((num_runs + 1))
   [[ " $codes " == *" $code "* ]] ||
     fail "$what: exit code $code: $(tail -n 5 "$work/stderr.txt")"
-  [[ $code -eq 0 || $code -eq 5 ]] || [[ $(grep -vcE '^WARNING|SQLite error|^Could not create logging file' "$work/stderr.txt") -eq 1 &&
+  [[ $code -eq 0 || $code -eq 5 ]] || [[ $(grep -vcE '^WARNING|SQLite error|^Could not create logging file|^libpng error' "$work/stderr.txt") -eq 1 &&
     $(grep -c '^ERROR: ' "$work/stderr.txt") -eq 1 ]] ||
     fail "$what: no single error: $(cat "$work/stderr.txt")"
 }
