@@ -128,7 +128,7 @@ void ParallelInOrder(size_t begin,
                      const Make& make,
                      const Use& use) {
   if (num_threads <= 0) num_threads = NumThreadsOfMachine();
-  const auto num_at_once = static_cast<size_t>(2 * num_threads);
+  const size_t num_at_once = 2 * static_cast<size_t>(num_threads);
   for (size_t first = begin; first < end; first += num_at_once) {
     const size_t num = std::min(num_at_once, end - first);
     std::vector<std::invoke_result_t<Make, size_t>> items(num);
