@@ -31,8 +31,10 @@ class Communicator {
   bool IsAlone() const { return NumRanks() == 1; }
 };
 
-// One process has everything.
-class SingleProcess final : public Communicator {
+// One process has everything. `Base`: Communicator, or a class that asks for
+// more.
+template <typename Base>
+class OnlyProcess : public Base {
  public:
   int Rank() const override { return 0; }
   int NumRanks() const override { return 1; }
@@ -44,7 +46,7 @@ class SingleProcess final : public Communicator {
 };
 
 inline const Communicator& Alone() {
-  static const SingleProcess alone;
+  static const OnlyProcess<Communicator> alone;
   return alone;
 }
 

@@ -16,16 +16,9 @@
 namespace mfir {
 namespace {
 
-class AloneGroup final : public ProcessGroup {
+class AloneGroup final : public OnlyProcess<ProcessGroup> {
  public:
-  int Rank() const override { return 0; }
-  int NumRanks() const override { return 1; }
   int NumRanksOfMachine() const override { return 1; }
-  void Sum(double*, size_t) const override {}
-  std::vector<std::string> Gather(const std::string& bytes) const override {
-    return {bytes};
-  }
-  void Broadcast(std::string*) const override {}
   bool Finish(int*) override { return true; }
 };
 
