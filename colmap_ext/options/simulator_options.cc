@@ -93,6 +93,7 @@ void SimulatorOptions::Check() const {
            Range{"rig_center_sigma", rig_center_sigma, 0, 1000},
            Range{"blur", blur, 0, 20},
            Range{"image_noise", image_noise, 0, 100},
+           Range{"gloss", gloss, 0, 1},
            Range{"seed", double(seed), 0, 2147483647},
        }) {
     CheckRange(range);

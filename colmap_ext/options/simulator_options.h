@@ -54,6 +54,7 @@ struct SimulatorOptions {
   bool render_images = true;
   double blur = 0.4;         // sigma, pixels
   double image_noise = 2.0;  // sigma, grey levels
+  double gloss = 0.0;        // reflections of lamps, share of white
 
   int seed = 0;
 
@@ -121,6 +122,9 @@ void VisitSimulatorOptions(Options* o, const Visitor& visit) {
   visit("render_images", &o->render_images, "0: write no images");
   visit("blur", &o->blur, "sigma of the optical blur, pixels");
   visit("image_noise", &o->image_noise, "sigma, grey levels");
+  visit("gloss",
+        &o->gloss,
+        "brightness of lamps that the surface reflects, share of white");
   visit("seed", &o->seed, "the same seed gives the same bytes");
 }
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <filesystem>
 #include <stdexcept>
+#include <utility>
+#include <vector>
 
 #include "colmap_ext/host/reconstruction.h"
 #include "colmap_ext/io/input_file.h"
@@ -49,33 +51,50 @@ void ReadPoses(const std::string& path, Report* report) {
   }
 }
 
-// Adds what the observations of a frame say to the cells and the histogram.
-void AddObservations(const std::string& path,
-                     size_t frame_idx,
-                     const host::Reconstruction& frame,
-                     Report* report) {
-  const size_t num_cameras = report->cameras.size();
+struct ObservedResidual {
+  size_t camera_idx;
+  Eigen::Vector2d keypoint;
+  Eigen::Vector2d residual;
+};
+
+// Of all observations of a frame.
+std::vector<ObservedResidual> Residuals(const std::string& path,
+                                        const host::Reconstruction& frame,
+                                        const Report& report) {
+  std::vector<ObservedResidual> residuals;
   for (const auto& id_and_point : frame.Points3D()) {
     const Eigen::Vector3d& xyz = host::Xyz(id_and_point.second);
     for (const host::TrackElement& element :
          host::TrackOf(id_and_point.second).Elements()) {
       const host::Image& image = frame.Image(element.image_id);
-      const size_t camera_idx = CameraIdx(*report, path, image.CameraId());
+      const size_t camera_idx = CameraIdx(report, path, image.CameraId());
       const Eigen::Vector2d keypoint =
           host::Xy(image.Point2D(element.point2D_idx));
-      const Eigen::Vector2d residual =
-          ProjectPoint(*report->cameras[camera_idx].model,
-                       host::Params(frame.Camera(image.CameraId())),
-                       host::CamFromWorld(image),
-                       xyz) -
-          keypoint;
-      AddResidual(camera_idx, keypoint, residual, report);
-      FrameCell& cell = report->matrix[frame_idx * num_cameras + camera_idx];
-      ++cell.num_observations;
-      if (!(residual.norm() <= report->max_inlier_px)) continue;
-      ++cell.num_inliers;
-      cell.sum_squared += residual.squaredNorm();
+      residuals.push_back(
+          {camera_idx,
+           keypoint,
+           ProjectPoint(*report.cameras[camera_idx].model,
+                        host::Params(frame.Camera(image.CameraId())),
+                        host::CamFromWorld(image),
+                        xyz) -
+               keypoint});
     }
+  }
+  return residuals;
+}
+
+// Adds what they say to the cells and the histogram.
+void AddResiduals(size_t frame_idx,
+                  const std::vector<ObservedResidual>& residuals,
+                  Report* report) {
+  const size_t num_cameras = report->cameras.size();
+  for (const auto& [camera_idx, keypoint, residual] : residuals) {
+    AddResidual(camera_idx, keypoint, residual, report);
+    FrameCell& cell = report->matrix[frame_idx * num_cameras + camera_idx];
+    ++cell.num_observations;
+    if (!(residual.norm() <= report->max_inlier_px)) continue;
+    ++cell.num_inliers;
+    cell.sum_squared += residual.squaredNorm();
   }
 }
 
@@ -123,20 +142,26 @@ void ReadFrames(const std::string& path, Report* report) {
   const auto path_of = [&](size_t f) {
     return FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
   };
+  struct Frame {
+    std::vector<ObservedResidual> residuals;
+    host::Reconstruction model;  // of the first only
+  };
   ParallelInOrder(
       0,
       report->frame_names.size(),
       -1,
       [&](size_t f) {
-        host::Reconstruction frame;
-        ReadModel(path_of(f), /*require_points=*/true, &frame);
+        host::Reconstruction model;
+        ReadModel(path_of(f), /*require_points=*/true, &model);
+        Frame frame = {Residuals(path_of(f), model, *report), {}};
+        if (f == 0) frame.model = std::move(model);
         return frame;
       },
-      [&](size_t f, const host::Reconstruction& frame) {
-        AddObservations(path_of(f), f, frame, report);
+      [&](size_t f, const Frame& frame) {
+        AddResiduals(f, frame.residuals, report);
         if (f > 0) return;
-        AddScenePoints(frame, report);
-        AddExamples(report->frame_names[f], frame, report);
+        AddScenePoints(frame.model, report);
+        AddExamples(report->frame_names[f], frame.model, report);
       });
 }
 

@@ -389,7 +389,8 @@ SyntheticSurface SimulatedSurface(const SimulatorOptions& options,
       options.seed,
       frame_idx,
       unit,
-      kFinestTexture * options.distance * unit / NominalFocalLength(options));
+      kFinestTexture * options.distance * unit / NominalFocalLength(options),
+      options.gloss);
 }
 
 GreyImage RenderSimulatedImage(const SimulatedCapture& capture,

@@ -105,20 +105,26 @@ void ProgressiveSchedule::EndFrame(const std::vector<ImageBlocks>& images,
   points_.insert(points_.end(), points.begin(), points.end());
 
   const double divisor = num_frames_ * static_cast<double>(images.size());
-  ceres::LossFunction* rotation_loss = AddLoss(kRotationPrior, divisor);
-  ceres::LossFunction* translation_loss = AddLoss(kTranslationPrior, divisor);
+  // The problem owns those that a block has.
+  const auto add_loss = [&](TermIndex index) {
+    return terms_[index].weight > 0.0 && !images.empty()
+               ? AddLoss(index, divisor)
+               : nullptr;
+  };
+  ceres::LossFunction* rotation_loss = add_loss(kRotationPrior);
+  ceres::LossFunction* translation_loss = add_loss(kTranslationPrior);
   for (const ImageBlocks& image : images) {
     images_.push_back(image.qvec);
     images_.push_back(image.tvec);
     images_.push_back(image.params);
     const Rigid3& known = (*cameras_)[image.camera_idx].cam_from_world;
-    if (terms_[kRotationPrior].weight > 0.0) {
+    if (rotation_loss != nullptr) {
       AddBlock(kRotationPrior,
                RotationPriorCost::Create(known.rotation),
                rotation_loss,
                {image.qvec});
     }
-    if (terms_[kTranslationPrior].weight > 0.0) {
+    if (translation_loss != nullptr) {
       AddBlock(kTranslationPrior,
                TranslationPriorCost::Create(known.translation),
                translation_loss,

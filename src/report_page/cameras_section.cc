@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "src/parallel/parallel_for.h"
 #include "src/report/camera_figures.h"
 #include "src/report/camera_maps.h"
 #include "src/report/health.h"
@@ -91,8 +92,12 @@ std::string CamerasSection(const Report& report) {
   const FigureScales scales = MakeFigureScales(report);
   std::vector<size_t> order(report.cameras.size());
   std::iota(order.begin(), order.end(), 0);
-  std::vector<Health> health;
-  for (const size_t i : order) health.push_back(CameraHealth(report, i));
+  std::vector<Health> health(report.cameras.size());
+  std::vector<std::string> cards(report.cameras.size());
+  ParallelFor(report.cameras.size(), -1, [&](size_t i) {
+    health[i] = CameraHealth(report, i);
+    cards[i] = Card(report, scales, i);
+  });
   std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
     return static_cast<int>(health[a]) > static_cast<int>(health[b]);
   });
@@ -103,7 +108,7 @@ std::string CamerasSection(const Report& report) {
     const bool is_open =
         num_open < kMaxOpenCards &&
         (order.size() <= kMaxOpenCards || health[i] != Health::kGood);
-    (is_open ? open : folded) += Card(report, scales, i);
+    (is_open ? open : folded) += cards[i];
     num_open += is_open;
   }
   if (!folded.empty()) {

@@ -1,6 +1,7 @@
 #include "src/selection/static_point_search.h"
 
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
 #include <string>
 #include <utility>
@@ -49,11 +50,13 @@ void CollectKeypoints(const Frame& frame,
 }
 
 // Where the tracks of the frames so far have been, each place with the first
-// keypoint in every camera.
+// keypoint in every camera. What grows with the tracks is in few large arrays:
+// adding is the part of the search that threads cannot share.
 class Places {
  public:
   explicit Places(size_t num_cameras)
-      : grids_(num_cameras, KeypointGrid(kMaxDistance, kCellSize)),
+      : num_words_((num_cameras + 63) / 64),
+        grids_(num_cameras, KeypointGrid(kMaxDistance, kCellSize)),
         additions_(num_cameras) {}
 
   // Those that the track of a later frame shows, ascending.
@@ -78,7 +81,7 @@ class Places {
       const auto end = std::upper_bound(begin, agreeing.end(), *begin);
       const size_t num_agreeing = static_cast<size_t>(end - begin);
       if (num_agreeing >= kMinNumCameras &&
-          2 * num_agreeing > NumShared(places_[*begin], keypoints)) {
+          2 * num_agreeing > NumShared(*begin, keypoints)) {
         places.push_back(*begin);
       }
       begin = end;
@@ -90,19 +93,16 @@ class Places {
   void Add(const std::vector<size_t>& place_idxs,
            const TrackIndex& track,
            const Frame& frame) {
-    if (place_idxs.empty()) {
-      parents_.push_back(parents_.size());
-      places_.emplace_back();
-    }
     const size_t root =
-        place_idxs.empty() ? places_.size() - 1 : Root(place_idxs.front());
+        place_idxs.empty() ? AddPlace() : Root(place_idxs.front());
     for (const size_t idx : place_idxs) Unite(root, Root(idx));
-    Place& place = places_[root];
-    place.tracks.push_back(track);
+    const size_t idx = tracks_.size();
+    tracks_.push_back({track, kNone});
+    Append(idx, idx, &places_[root]);
     CollectKeypoints(frame, track.point_idx, &keypoints_);
     for (const Keypoint& keypoint : keypoints_) {
-      if (Has(place, keypoint.camera_idx)) continue;
-      place.camera_idxs.push_back(keypoint.camera_idx);
+      if (Has(root, keypoint.camera_idx)) continue;
+      Word(root, keypoint.camera_idx) |= Bit(keypoint.camera_idx);
       additions_[keypoint.camera_idx].push_back({keypoint.xy, root});
     }
   }
@@ -117,30 +117,57 @@ class Places {
     });
   }
 
-  // By place; empty where it has become part of another.
-  std::vector<std::vector<TrackIndex>> TakeTracks() {
-    std::vector<std::vector<TrackIndex>> tracks;
-    for (Place& place : places_) tracks.push_back(std::move(place.tracks));
-    return tracks;
+  // Of the places with several.
+  TrackGroups Tracks() const {
+    TrackGroups groups;
+    for (const Place& place : places_) {
+      if (place.first == place.last) continue;
+      std::vector<TrackIndex>& group = groups.emplace_back();
+      for (size_t i = place.first; i != kNone; i = tracks_[i].next) {
+        group.push_back(tracks_[i].track);
+      }
+    }
+    return groups;
   }
 
  private:
-  struct Place {
-    std::vector<size_t> camera_idxs;
-    std::vector<TrackIndex> tracks;
+  static constexpr size_t kNone = SIZE_MAX;
+
+  struct PlacedTrack {
+    TrackIndex track;
+    size_t next;  // of the same place
   };
 
-  static bool Has(const Place& place, size_t camera_idx) {
-    return std::find(place.camera_idxs.begin(),
-                     place.camera_idxs.end(),
-                     camera_idx) != place.camera_idxs.end();
+  // Its tracks, none where it has become part of another.
+  struct Place {
+    size_t first = kNone;
+    size_t last = kNone;
+  };
+
+  // Puts the tracks from `first` to `last` behind those of the place.
+  void Append(size_t first, size_t last, Place* place) {
+    (place->first == kNone ? place->first : tracks_[place->last].next) = first;
+    place->last = last;
   }
 
-  static size_t NumShared(const Place& place,
-                          const std::vector<Keypoint>& keypoints) {
+  static uint64_t Bit(size_t camera_idx) {
+    return uint64_t{1} << (camera_idx % 64);
+  }
+
+  uint64_t& Word(size_t place_idx, size_t camera_idx) {
+    return cameras_[place_idx * num_words_ + camera_idx / 64];
+  }
+
+  bool Has(size_t place_idx, size_t camera_idx) const {
+    return (cameras_[place_idx * num_words_ + camera_idx / 64] &
+            Bit(camera_idx)) != 0;
+  }
+
+  size_t NumShared(size_t place_idx,
+                   const std::vector<Keypoint>& keypoints) const {
     size_t count = 0;
     for (const Keypoint& keypoint : keypoints) {
-      count += Has(place, keypoint.camera_idx);
+      count += Has(place_idx, keypoint.camera_idx);
     }
     return count;
   }
@@ -150,20 +177,29 @@ class Places {
     return place_idx;
   }
 
+  size_t AddPlace() {
+    parents_.push_back(parents_.size());
+    places_.emplace_back();
+    cameras_.resize(cameras_.size() + num_words_, 0);
+    return places_.size() - 1;
+  }
+
   void Unite(size_t root, size_t other) {
     if (other == root) return;
     parents_[other] = root;
-    Place& target = places_[root];
     const Place source = std::exchange(places_[other], {});
-    target.tracks.insert(
-        target.tracks.end(), source.tracks.begin(), source.tracks.end());
-    for (const size_t camera_idx : source.camera_idxs) {
-      if (!Has(target, camera_idx)) target.camera_idxs.push_back(camera_idx);
+    Append(source.first, source.last, &places_[root]);
+    for (size_t i = 0; i < num_words_; ++i) {
+      cameras_[root * num_words_ + i] |= cameras_[other * num_words_ + i];
     }
   }
 
+  std::vector<PlacedTrack> tracks_;
+  // By place.
   std::vector<Place> places_;
-  std::vector<size_t> parents_;  // of a root: itself
+  std::vector<size_t> parents_;    // of a root: itself
+  std::vector<uint64_t> cameras_;  // num_words_ each, a bit per camera
+  size_t num_words_;
   // By camera: the first keypoints of places.
   std::vector<KeypointGrid> grids_;
   // Of the frame at hand, by camera.
@@ -192,8 +228,7 @@ TrackGroups FindInOneProcess(const Scene& scene, int num_threads) {
     places.FinishFrame(num_threads);
   }
   TrackGroups points;
-  for (std::vector<TrackIndex>& tracks : places.TakeTracks()) {
-    if (tracks.empty()) continue;
+  for (std::vector<TrackIndex>& tracks : places.Tracks()) {
     std::sort(tracks.begin(), tracks.end());
     if (tracks.front().frame_idx == tracks.back().frame_idx) continue;
     points.push_back(std::move(tracks));

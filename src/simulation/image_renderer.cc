@@ -76,8 +76,9 @@ float SamplePixel(const SyntheticSurface& surface,
   } else {
     return kBackground;
   }
-  return static_cast<float>(
-      surface.Brightness((origin + distance * ray).normalized()));
+  const Eigen::Vector3d direction = (origin + distance * ray).normalized();
+  return static_cast<float>(surface.Brightness(direction) +
+                            surface.Reflection(direction, ray));
 }
 
 // Brightness in [0, 1] at the centres of all kSupersampling^2 parts of all

@@ -29,6 +29,7 @@ constexpr int kNumFaceBumps = sizeof(kFace) / sizeof(kFace[0]);
 
 constexpr uint64_t kShapeStream = 1;
 constexpr uint64_t kTextureStream = 2;
+constexpr uint64_t kLampStream = 3;
 
 double Fade(double t) { return t * t * t * (t * (t * 6.0 - 15.0) + 10.0); }
 
@@ -69,10 +70,12 @@ double GradientNoise(uint64_t seed, const Eigen::Vector3d& x) {
 SyntheticSurface::SyntheticSurface(uint64_t seed,
                                    size_t frame,
                                    double unit,
-                                   double finest_texture)
+                                   double finest_texture,
+                                   double gloss)
     : axes_(unit * Eigen::Vector3d(0.085, 0.120, 0.100)),
       texture_seed_(Random::Mix(seed ^ Random::Mix(kTextureStream))),
-      finest_texture_(finest_texture) {
+      finest_texture_(finest_texture),
+      gloss_(gloss) {
   Random random({seed, kShapeStream});
   for (int i = 0; i < kNumBumps; ++i) {
     Eigen::Vector3d center{random.Normal(), random.Normal(), random.Normal()};
@@ -161,6 +164,18 @@ double SyntheticSurface::Brightness(const Eigen::Vector3d& direction) const {
   // Ambient light and a soft lamp from above the face.
   const double shading = 0.75 + 0.25 * Normal(direction).dot(kLight);
   return (0.12 + 0.83 * Albedo(direction)) * shading;
+}
+
+double SyntheticSurface::Reflection(const Eigen::Vector3d& direction,
+                                    const Eigen::Vector3d& ray) const {
+  if (gloss_ == 0.0) return 0.0;
+  // Lamps: the bright half of noise over directions, some degrees wide.
+  constexpr double kLampSize = 0.15;
+  const Eigen::Vector3d normal = Normal(direction);
+  const Eigen::Vector3d mirrored = ray - 2.0 * ray.dot(normal) * normal;
+  const double lamps =
+      GradientNoise(texture_seed_ ^ kLampStream, mirrored / kLampSize);
+  return gloss_ * std::clamp(lamps, 0.0, 1.0);
 }
 
 std::optional<double> SyntheticSurface::Intersect(

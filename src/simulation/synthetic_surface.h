@@ -20,10 +20,12 @@ class SyntheticSurface {
   //   frame            index of the instant.
   //   unit             world units per metre; the head is 0.24 m tall.
   //   finest_texture   size of the texture's finest structures, world units.
+  //   gloss            brightness of reflections at their brightest, [0, 1].
   SyntheticSurface(uint64_t seed,
                    size_t frame,
                    double unit,
-                   double finest_texture);
+                   double finest_texture,
+                   double gloss = 0.0);
 
   // Distance of the surface from the origin (world units) in the unit
   // direction `direction`.
@@ -39,6 +41,11 @@ class SyntheticSurface {
   // Brightness in [0, 1] at a unit direction: albedo under a fixed light, the
   // same from every side (Lambert).
   double Brightness(const Eigen::Vector3d& direction) const;
+
+  // What `gloss` adds to it as seen along the unit vector `ray`: the mirror
+  // image of lamps all around. It wanders over the surface with the camera.
+  double Reflection(const Eigen::Vector3d& direction,
+                    const Eigen::Vector3d& ray) const;
 
   // Distance (world units) along the unit vector `ray` from `origin`, outside
   // of the surface, to the first intersection.
@@ -72,6 +79,7 @@ class SyntheticSurface {
 
   uint64_t texture_seed_;
   double finest_texture_;  // world units
+  double gloss_;
 };
 
 }  // namespace mfir

@@ -302,6 +302,41 @@ TEST_F(SimulatorTest, ImagesAgreeWithGeometry) {
   EXPECT_GT(shifted_sum / count, 1.5 * sum / count);
 }
 
+// Each camera sees them elsewhere on the surface, on top of its brightness.
+TEST_F(SimulatorTest, ReflectionsWander) {
+  SimulatorOptions options = SmallOptions();
+  options.image_noise = 0.0;
+  const SimulatedCapture dull = SimulateCapture(options);
+  options.gloss = 0.3;
+  const SimulatedCapture shiny = SimulateCapture(options);
+  size_t num_bright = 0;
+  const GreyImage before = RenderSimulatedImage(dull, 0, 0);
+  const GreyImage after = RenderSimulatedImage(shiny, 0, 0);
+  for (size_t i = 0; i < before.pixels.size(); ++i) {
+    EXPECT_GE(after.pixels[i], before.pixels[i]);
+    num_bright += after.pixels[i] > before.pixels[i] + 10;
+  }
+  EXPECT_GT(num_bright, before.pixels.size() / 100);
+
+  const SyntheticSurface surface = SimulatedSurface(options, 0);
+  size_t num_different = 0, num_points = 0;
+  for (const auto& id_and_point : shiny.frames[0].true_model.Points3D()) {
+    const Eigen::Vector3d& xyz = host::Xyz(id_and_point.second);
+    std::vector<double> seen;
+    for (const size_t i : {0, 1}) {
+      const Eigen::Vector3d center =
+          shiny.true_cameras[i].cam_from_world.Center();
+      seen.push_back(
+          surface.Reflection(xyz.normalized(), (xyz - center).normalized()));
+      EXPECT_GE(seen.back(), 0.0);
+      EXPECT_LE(seen.back(), options.gloss);
+    }
+    num_different += std::abs(seen[0] - seen[1]) > 0.05;
+    ++num_points;
+  }
+  EXPECT_GT(num_different, num_points / 5);
+}
+
 TEST_F(SimulatorTest, MissingImagesAreMissingEverywhere) {
   SimulatorOptions options = SmallOptions();
   options.num_cameras = 12;
