@@ -244,13 +244,14 @@ on_little_memory() {
   done
 }
 
-# From what the program needs to be loaded on.
+# From what the program needs to be loaded on, which varies a little.
 memory() {
   local least=100000
   until bash -c 'limited -v "$@"' - "$least" "$colmap" multi_frame_simulator --help >/dev/null 2>&1; do
     least=$((least + 5000))
     ((least < 4000000)) || fail "the program does not start"
   done
+  least=$((least + least / 20))
   commands on_little_memory
 }
 

@@ -47,16 +47,16 @@ Outcome RunBody(const std::function<void()>& body) {
   } catch (const Error& error) {
     WaitIfInterrupted();
     return {error.exit_code, error.what()};
-  } catch (const std::bad_alloc&) {
-    return {kExitSolver,
-            "Out of memory. Select fewer frames with "
-            "--frame_list_path."};
   } catch (const std::filesystem::filesystem_error& error) {
     WaitIfInterrupted();
     // Outputs have their own checks: this is a path that the system rejects.
     return {kExitBadInput, std::string(error.what()) + ". Correct the path."};
   } catch (const std::exception& error) {
     WaitIfInterrupted();
+    if (IsOutOfMemory(error)) {
+      return {kExitSolver,
+              "Out of memory. Select fewer frames with --frame_list_path."};
+    }
     if (IsDatabaseFailure(error)) return {kExitOutput, kColmapCannotGoOn};
     return {kExitSolver, std::string("Unexpected failure: ") + error.what()};
   }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstring>
+#include <new>
 #include <stdexcept>
 #include <string>
 
@@ -52,7 +53,13 @@ inline bool IsDatabaseFailure(const std::exception& error) {
   return std::strstr(error.what(), "SQLite error") != nullptr;
 }
 
-// For both, with kExitOutput.
+// Of this program, or of SQLite.
+inline bool IsOutOfMemory(const std::exception& error) {
+  return dynamic_cast<const std::bad_alloc*>(&error) != nullptr ||
+         std::strstr(error.what(), "SQLite error: out of memory") != nullptr;
+}
+
+// For both versions, with kExitOutput.
 inline constexpr char kColmapCannotGoOn[] =
     "COLMAP cannot go on, the line before says why. Is the disk full?";
 

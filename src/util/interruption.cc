@@ -117,13 +117,12 @@ void Print(const std::string& line) {
   try {
     const std::exception_ptr exception = std::current_exception();
     if (exception) std::rethrow_exception(exception);
-  } catch (const std::bad_alloc&) {
-    GiveUp(kOutOfMemory, kExitSolver);
   } catch (const std::system_error& error) {
     if (error.code() == std::errc::resource_unavailable_try_again) {
       GiveUp(kOutOfMemory, kExitSolver);
     }
   } catch (const std::exception& error) {
+    if (IsOutOfMemory(error)) GiveUp(kOutOfMemory, kExitSolver);
     if (IsDatabaseFailure(error)) GiveUpDatabase();
   } catch (...) {
   }
@@ -154,8 +153,14 @@ void EndCleanlyAtSignals() {
       if (action.sa_handler != SIG_IGN) sigaddset(&signals, signal);
     }
     // Threads that start later inherit this.
-    pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-    std::thread([signals] { WaitForSignal(signals); }).detach();
+    sigset_t before;
+    pthread_sigmask(SIG_BLOCK, &signals, &before);
+    try {
+      std::thread([signals] { WaitForSignal(signals); }).detach();
+    } catch (const std::system_error&) {
+      // The system gives no more threads: the signals do what they always do.
+      pthread_sigmask(SIG_SETMASK, &before, nullptr);
+    }
     return true;
   }();
   static_cast<void>(started);

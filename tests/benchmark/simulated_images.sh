@@ -5,17 +5,20 @@
 # in permille and px and in units of their reported standard deviations, with
 # keypoints as they are, aligned, and with completed tracks.
 #
-#   tests/benchmark/simulated_images.sh [--seed S] [--models "PINHOLE OPENCV"]
+#   tests/benchmark/simulated_images.sh [--seeds "0 1"] [--models "PINHOLE OPENCV"]
+#                                       [--images "NOISE BLUR"]
 set -euo pipefail
 # shellcheck source=tests/benchmark/common.sh
 source "$(dirname "${BASH_SOURCE[0]}")/common.sh"
-seed=0
+seeds=0
 models="PINHOLE OPENCV"
+images=("2 0.4" "8 0.4" "2 1.5" "8 1.5")
 while (($# > 0)); do
   case $1 in
-    --seed) seed=$2 && shift ;;
+    --seeds) seeds=$2 && shift ;;
+    --images) images=("$2") && shift ;;
     --models) models=$2 && shift ;;
-    *) sed -n '2,8p' "${BASH_SOURCE[0]}" >&2 && exit 1 ;;
+    *) sed -n '2,9p' "${BASH_SOURCE[0]}" >&2 && exit 1 ;;
   esac
   shift
 done
@@ -39,37 +42,47 @@ stds() {
 import json, math, pathlib, sys
 sys.path.insert(0, sys.argv[1])
 import model_files
-cameras = json.load(open(sys.argv[2], encoding="utf-8"))["cameras"]
+summary = json.load(open(sys.argv[2], encoding="utf-8"))
+cameras = summary["cameras"]
 truth = model_files.read_text_cameras(pathlib.Path(sys.argv[3]))
 def rms(idxs):
     errors = [(camera["params"][i] - truth[camera["name"]][1][i]) / camera["params_std"][i]
               for camera in cameras for i in idxs]
     return math.sqrt(sum(error**2 for error in errors) / len(errors))
-print(f"{'':40} errors: focal lengths {rms([0, 1]):.2f}, principal points {rms([2, 3]):.2f} stds")
+common = summary["evaluation"]["common"]["focal_scale_permille"]["mean"]
+std = summary["result"]["modes"]["common_focal_scale_std_permille"]
+print(f"{'':40} errors: focal lengths {rms([0, 1]):.2f}, principal points {rms([2, 3]):.2f} stds, "
+      f"common focal scale {common:.3f} permille (reported {std:.3f})")
 PYTHON
 }
 
+# try_capture MODEL NOISE BLUR SEED
+try_capture() {
+  local capture=$work/capture name refine_keypoints complete_tracks choice
+  "$colmap" multi_frame_simulator --output_path "$capture" --Simulator.seed "$4" \
+    --Simulator.overwrite 1 --Simulator.camera_model "$1" \
+    --Simulator.image_noise "$2" --Simulator.blur "$3" >"$work/log.txt"
+  rm -rf "$work/frames"
+  "$colmap" multi_frame_triangulator --image_path "$capture/images" \
+    --extrinsics_path "$capture/rig" --output_path "$work/frames" >"$work/log.txt"
+  echo "$1, noise $2 grey levels, blur $3 px, seed $4"
+  for choice in "neither 0 0" "aligned 1 0" "completed 1 1"; do
+    read -r name refine_keypoints complete_tracks <<<"$choice"
+    "$colmap" multi_frame_intrinsics_refiner --input_path "$work/frames" \
+      --image_path "$capture/images" --extrinsics_path "$capture/rig" \
+      --output_path "$work/out" --ground_truth_path "$capture/ground_truth" \
+      --MultiFrame.dense_features none \
+      --MultiFrame.refine_keypoints "$refine_keypoints" \
+      --MultiFrame.complete_tracks "$complete_tracks" >"$work/log.txt"
+    evaluate "$name" "$work/out" "$capture/ground_truth"
+    true_rms "$work/out" "$capture/ground_truth"
+    stds "$name" "$work/out" "$capture/ground_truth"
+  done
+}
+
 for model in $models; do
-  for images in "2 0.4" "8 0.4" "2 1.5" "8 1.5"; do
-    read -r noise blur <<<"$images"
-    capture=$work/capture
-    "$colmap" multi_frame_simulator --output_path "$capture" --Simulator.seed "$seed" \
-      --Simulator.overwrite 1 --Simulator.camera_model "$model" \
-      --Simulator.image_noise "$noise" --Simulator.blur "$blur" >"$work/log.txt"
-    rm -rf "$work/frames"
-    "$colmap" multi_frame_triangulator --image_path "$capture/images" \
-      --extrinsics_path "$capture/rig" --output_path "$work/frames" >"$work/log.txt"
-    echo "$model, noise $noise grey levels, blur $blur px, seed $seed"
-    for choice in "neither 0 0" "aligned 1 0" "completed 1 1"; do
-      read -r name refine_keypoints complete_tracks <<<"$choice"
-      "$colmap" multi_frame_intrinsics_refiner --input_path "$work/frames" \
-        --image_path "$capture/images" --extrinsics_path "$capture/rig" \
-        --output_path "$work/out" --MultiFrame.dense_features none \
-        --MultiFrame.refine_keypoints "$refine_keypoints" \
-        --MultiFrame.complete_tracks "$complete_tracks" >"$work/log.txt"
-      evaluate "$name" "$work/out" "$capture/ground_truth"
-      true_rms "$work/out" "$capture/ground_truth"
-      stds "$name" "$work/out" "$capture/ground_truth"
-    done
+  for noise_and_blur in "${images[@]}"; do
+    read -r noise blur <<<"$noise_and_blur"
+    for seed in $seeds; do try_capture "$model" "$noise" "$blur" "$seed"; done
   done
 done

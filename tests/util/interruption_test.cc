@@ -4,6 +4,7 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <new>
 #include <stdexcept>
 #include <thread>
@@ -18,7 +19,9 @@ namespace {
 namespace fs = std::filesystem;
 
 // Runs in a process of its own, with a temporary folder that must be gone.
-void ExpectEnds(void (*body)(), int exit_code, const std::string& line) {
+void ExpectEnds(const std::function<void()>& body,
+                int exit_code,
+                const std::string& line) {
   const TemporaryFolder folder;
   const std::string path = folder / "temporary";
   EXPECT_EXIT(
@@ -51,15 +54,17 @@ TEST(CleanFailures, ExitOfALibrary) {
 
 // As COLMAP 4 ends a failure of SQLite, from destructors, too.
 TEST(CleanFailures, DatabaseFailure) {
-  ExpectEnds(
-      [] {
-        std::thread([] {
-          throw std::runtime_error(
-              "[database.cc:50] SQLite error: database or disk is full");
-        }).join();
-      },
-      4,
-      "^ERROR: COLMAP cannot go on[^\n]*\n$");
+  const auto fails_with = [](const std::string& reason) {
+    return [reason] {
+      std::thread([reason] {
+        throw std::runtime_error("[database.cc:50] SQLite error: " + reason);
+      }).join();
+    };
+  };
+  ExpectEnds(fails_with("database or disk is full"),
+             4,
+             "^ERROR: COLMAP cannot go on[^\n]*\n$");
+  ExpectEnds(fails_with("out of memory"), 3, "^ERROR: Out of memory[^\n]*\n$");
 }
 
 // As while a result is published.

@@ -2,6 +2,8 @@
 
 #include <sqlite3.h>
 
+#include <new>
+
 #include "src/util/errors.h"
 
 namespace mfir::host {
@@ -15,6 +17,7 @@ std::shared_ptr<Database> OpenDatabase(const std::filesystem::path& path) {
                                      SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE,
                                      nullptr);
   sqlite3_close(database);
+  if (result == SQLITE_NOMEM) throw std::bad_alloc();
   if (result != SQLITE_OK) {
     throw OutputError(path.string() + ": cannot make the database: " +
                       sqlite3_errstr(result) + ".");

@@ -8,7 +8,8 @@ namespace mfir::host {
 std::shared_ptr<Database> OpenDatabase(const std::filesystem::path& path) {
   try {
     return Database::Open(path);
-  } catch (const std::exception&) {
+  } catch (const std::exception& error) {
+    if (IsOutOfMemory(error)) throw std::bad_alloc();
     // COLMAP has said why in its log: no such folder, or a full disk.
     throw OutputError(path.string() +
                       ": cannot make the database: is the disk full?");
