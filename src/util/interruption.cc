@@ -2,6 +2,7 @@
 
 #include <pthread.h>
 #include <signal.h>
+#include <sys/mman.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -129,11 +130,24 @@ void Print(const std::string& line) {
   GiveUp("ERROR: Unexpected failure in a library.\n", kExitSolver);
 }
 
+// COLMAP 3.8 does not tell us why it ends the program.
+bool HasMemory() {
+  constexpr size_t kSize = size_t{16} << 20;
+  void* memory = mmap(nullptr,
+                      kSize,
+                      PROT_READ | PROT_WRITE,
+                      MAP_PRIVATE | MAP_ANONYMOUS,
+                      -1,
+                      0);
+  return memory != MAP_FAILED && munmap(memory, kSize) == 0;
+}
+
 // Without temporary paths nothing is being written: it is a call of --help,
 // say.
 void EndAtExit(int status, void*) {
   const State& state = GetState();
   if (!state.running || status == 0 || state.paths.empty()) return;
+  if (!HasMemory()) GiveUp(kOutOfMemory, kExitSolver);
   GiveUpDatabase();
 }
 
