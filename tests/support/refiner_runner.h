@@ -49,13 +49,19 @@ inline std::string ShellQuoted(const std::string& text) {
   return quoted + "'";
 }
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr int kSlowness = 10;
+#else
+inline constexpr int kSlowness = 1;
+#endif
+
 // Runs the program of the build, or the one that the environment variable
 // MFIR_COLMAP_EXE names; `limit_s` ends a run that hangs (exit code 124).
 inline CommandResult RunColmap(const std::vector<std::string>& arguments,
                                int limit_s = 60) {
   const char* program = std::getenv("MFIR_COLMAP_EXE");
   std::string command_line =
-      "timeout " + std::to_string(limit_s) + " " +
+      "timeout " + std::to_string(kSlowness * limit_s) + " " +
       ShellQuoted(program != nullptr ? program : MFIR_COLMAP_EXE);
   for (const std::string& argument : arguments) {
     command_line += " " + ShellQuoted(argument);
