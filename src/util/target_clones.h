@@ -1,6 +1,6 @@
 // MFIR_TARGET_CLONES before a function: it is compiled for several instruction
-// sets, of which the machine's best is used. Not with the thread sanitizer: what
-// chooses runs before the sanitizer is there.
+// sets, of which the machine's best is used. Not with the thread sanitizer:
+// what chooses runs before the sanitizer is there.
 
 #pragma once
 
