@@ -46,8 +46,13 @@ double EpipolarError(const Eigen::Matrix3d& essential_matrix,
 
 double LogNumFalseAlarms(
     size_t n, size_t k, double tolerance, double share, double max_error) {
+  // std::lgamma writes a global sign, which is a race between threads.
+  const auto log_gamma = [](double x) {
+    int sign = 0;
+    return lgamma_r(x, &sign);
+  };
   const double log_choose =
-      std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0);
+      log_gamma(n + 1.0) - log_gamma(k + 1.0) - log_gamma(n - k + 1.0);
   return log_choose + k * std::log(share * tolerance / max_error);
 }
 
