@@ -139,9 +139,6 @@ void ReadFrames(const std::string& path, Report* report) {
     }
   }
   report->matrix.resize(report->frame_names.size() * report->cameras.size());
-  const auto path_of = [&](size_t f) {
-    return FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
-  };
   struct Frame {
     std::vector<ObservedResidual> residuals;
     host::Reconstruction model;  // of the first only
@@ -151,9 +148,11 @@ void ReadFrames(const std::string& path, Report* report) {
       report->frame_names.size(),
       -1,
       [&](size_t f) {
+        const std::string frame_path =
+            FrameFolder(fs::path(path) / "frames", report->frame_names[f]);
         host::Reconstruction model;
-        ReadModel(path_of(f), /*require_points=*/true, &model);
-        Frame frame = {Residuals(path_of(f), model, *report), {}};
+        ReadModel(frame_path, /*require_points=*/true, &model);
+        Frame frame = {Residuals(frame_path, model, *report), {}};
         if (f == 0) frame.model = std::move(model);
         return frame;
       },

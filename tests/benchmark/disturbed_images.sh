@@ -21,16 +21,23 @@ late() {
   mv "$work/first" "${folders[-1]}$2"
 }
 
+capture=$work/capture
+
+# simulate SEED GLOSS
+simulate() {
+  "$colmap" multi_frame_simulator --output_path "$capture" --Simulator.seed "$1" \
+    --Simulator.overwrite 1 --Simulator.num_cameras 9 --Simulator.num_frames 3 \
+    --Simulator.num_points 300 --Simulator.image_width 480 \
+    --Simulator.image_height 360 --Simulator.gloss "$2" >"$work/log.txt"
+}
+
 for seed in "$@"; do
   for state in healthy late glossy; do
-    gloss=0
-    [[ $state != glossy ]] || gloss=0.3
-    capture=$work/capture
-    "$colmap" multi_frame_simulator --output_path "$capture" --Simulator.seed "$seed" \
-      --Simulator.overwrite 1 --Simulator.num_cameras 9 --Simulator.num_frames 3 \
-      --Simulator.num_points 300 --Simulator.image_width 480 \
-      --Simulator.image_height 360 --Simulator.gloss "$gloss" >"$work/log.txt"
-    [[ $state != late ]] || late "$capture" cam04.png
+    case $state in
+      healthy) simulate "$seed" 0 ;;
+      late) late "$capture" cam04.png ;;
+      glossy) simulate "$seed" 0.3 ;;
+    esac
     rm -rf "$work/frames"
     "$colmap" multi_frame_triangulator --image_path "$capture/images" \
       --extrinsics_path "$capture/rig" --output_path "$work/frames" >"$work/log.txt"
