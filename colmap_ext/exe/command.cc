@@ -53,10 +53,7 @@ Outcome RunBody(const std::function<void()>& body) {
     return {kExitBadInput, std::string(error.what()) + ". Correct the path."};
   } catch (const std::exception& error) {
     WaitIfInterrupted();
-    if (IsOutOfMemory(error)) {
-      return {kExitSolver,
-              "Out of memory. Select fewer frames with --frame_list_path."};
-    }
+    if (IsOutOfMemory(error)) return {kExitSolver, kOutOfMemory};
     if (IsDatabaseFailure(error)) return {kExitOutput, kColmapCannotGoOn};
     return {kExitSolver, std::string("Unexpected failure: ") + error.what()};
   }

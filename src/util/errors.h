@@ -59,6 +59,10 @@ inline bool IsOutOfMemory(const std::exception& error) {
          std::strstr(error.what(), "SQLite error: out of memory") != nullptr;
 }
 
+// With kExitSolver.
+inline constexpr char kOutOfMemory[] =
+    "Out of memory. Select fewer frames with --frame_list_path.";
+
 // For both versions, with kExitOutput.
 inline constexpr char kColmapCannotGoOn[] =
     "COLMAP cannot go on, the line before says why. Is the disk full?";

@@ -27,9 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kOutOfMemory[] =
-    "ERROR: Out of memory. Select fewer frames with --frame_list_path.\n";
-
 struct State {
   // Held while a result is published, and from a signal to the end.
   std::mutex publication;
@@ -98,7 +95,7 @@ void Print(const std::string& line) {
 }
 
 // The same from a thread that may hold the mutexes itself, or have no memory.
-[[noreturn]] void GiveUp(const char* line, int exit_code) {
+[[noreturn]] void GiveUp(const char* message, int exit_code) {
   State& state = GetState();
   if (state.given_up.exchange(true)) WaitForEver();
   state.reserve.reset();
@@ -106,12 +103,7 @@ void Print(const std::string& line) {
     if (std::try_lock(state.publication, state.paths_mutex) < 0) break;
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
-  EndProcess(line, exit_code);
-}
-
-[[noreturn]] void GiveUpDatabase() {
-  const std::string line = std::string("ERROR: ") + kColmapCannotGoOn + "\n";
-  GiveUp(line.c_str(), kExitOutput);
+  EndProcess(std::string("ERROR: ") + message + "\n", exit_code);
 }
 
 [[noreturn]] void EndAtUncaughtException() {
@@ -124,10 +116,10 @@ void Print(const std::string& line) {
     }
   } catch (const std::exception& error) {
     if (IsOutOfMemory(error)) GiveUp(kOutOfMemory, kExitSolver);
-    if (IsDatabaseFailure(error)) GiveUpDatabase();
+    if (IsDatabaseFailure(error)) GiveUp(kColmapCannotGoOn, kExitOutput);
   } catch (...) {
   }
-  GiveUp("ERROR: Unexpected failure in a library.\n", kExitSolver);
+  GiveUp("Unexpected failure in a library.", kExitSolver);
 }
 
 // COLMAP 3.8 does not tell us why it ends the program.
@@ -148,7 +140,7 @@ void EndAtExit(int status, void*) {
   const State& state = GetState();
   if (!state.running || status == 0 || state.paths.empty()) return;
   if (!HasMemory()) GiveUp(kOutOfMemory, kExitSolver);
-  GiveUpDatabase();
+  GiveUp(kColmapCannotGoOn, kExitOutput);
 }
 
 }  // namespace
