@@ -62,6 +62,10 @@ done
 (($# == 0)) || { SECONDS_EACH=$1 && shift; }
 
 set_up_preset fuzz mfir_fuzzer
+# Each run writes its input to a file; in memory where that is possible.
+TMPDIR=$(mktemp -d -p "$([[ -w /dev/shm ]] && echo /dev/shm || echo "${TMPDIR:-/tmp}")")
+export TMPDIR
+trap 'rm -rf "$TMPDIR"' EXIT
 rm -rf "$BUILD_PATH/seeds"
 "$BUILD_PATH/bin/mfir_fuzzer" --seeds="$BUILD_PATH/seeds"
 (($#)) || mapfile -t readers < <("$BUILD_PATH/bin/mfir_fuzzer" --names)
