@@ -87,6 +87,11 @@ std::vector<IniEntry> ParseIni(const std::string& path) {
     const std::string where = path + ":" + std::to_string(number) + ": ";
     const size_t equals = line.find('=');
     if (line.empty()) continue;
+    // COLMAP's parser would see the text before it only.
+    if (line.find('\0') != std::string::npos) {
+      throw UsageError(where +
+                       "has a NUL character. Save the file as UTF-8 text.");
+    }
     if (line.front() == '[' && line.back() == ']') {
       section = Trimmed(line.substr(1, line.size() - 2));
     } else if (line.front() == '[' || equals == std::string::npos ||

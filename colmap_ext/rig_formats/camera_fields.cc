@@ -299,16 +299,6 @@ std::string WrittenImageName(const KnownCamera& camera) {
              : WrittenName(camera) + ".png";
 }
 
-std::string WithoutTrailingBlanks(const std::string& text) {
-  std::istringstream lines(text);
-  std::string result;
-  for (std::string line; std::getline(lines, line);) {
-    line.erase(line.find_last_not_of(" \t\r") + 1);
-    result += line + "\n";
-  }
-  return result;
-}
-
 void WriteRigFile(const std::string& path, const std::string& text) {
   std::ofstream file(path, std::ios::trunc | std::ios::binary);
   file << text;

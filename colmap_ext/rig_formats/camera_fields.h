@@ -104,9 +104,6 @@ std::string WrittenName(const KnownCamera& camera);
 // The same for formats that name images.
 std::string WrittenImageName(const KnownCamera& camera);
 
-// For readers of YAML, which stop at tabs at the end of a line.
-std::string WithoutTrailingBlanks(const std::string& text);
-
 // Writes a text file. Throws OutputError.
 void WriteRigFile(const std::string& path, const std::string& text);
 

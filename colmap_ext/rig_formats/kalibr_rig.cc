@@ -1,11 +1,9 @@
 #include <cmath>
 #include <set>
 
-#include <yaml-cpp/yaml.h>
-
-#include "colmap_ext/io/input_file.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
+#include "colmap_ext/rig_formats/yaml_file.h"
 #include "src/util/errors.h"
 #include "src/util/parse_number.h"
 
@@ -16,14 +14,8 @@ std::string Key(size_t idx) { return "cam" + std::to_string(idx); }
 
 class KalibrFile {
  public:
-  explicit KalibrFile(const std::string& path) : path_(path) {
-    try {
-      root_ = YAML::Load(WithoutTrailingBlanks(ReadTextFile(path)));
-    } catch (const YAML::Exception& error) {
-      throw InputError(path + ":" + std::to_string(error.mark.line + 1) +
-                       ": not valid YAML: " + error.msg +
-                       ". Correct the line, or export the file again.");
-    }
+  explicit KalibrFile(const std::string& path)
+      : path_(path), root_(ReadYamlFile(path)) {
     if (!root_.IsMap()) {
       throw InputError(path +
                        ": not a camchain of Kalibr, which has cam0, cam1, ... "
@@ -126,7 +118,7 @@ class KalibrFile {
   }
 
   const std::string path_;
-  YAML::Node root_;
+  const YAML::Node root_;
 };
 
 // x_cn = T_cn_cnm1 x_cn-1. The first camera is the world.

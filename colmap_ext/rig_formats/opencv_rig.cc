@@ -1,19 +1,20 @@
 #include <cmath>
 #include <filesystem>
 #include <optional>
-#include <sstream>
-#include <stdexcept>
+#include <set>
+#include <string>
 #include <system_error>
 
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 
-#include "colmap_ext/io/input_file.h"
 #include "colmap_ext/io/quiet_opencv.h"
 #include "colmap_ext/rig_formats/camera_fields.h"
 #include "colmap_ext/rig_formats/formats.h"
+#include "colmap_ext/rig_formats/yaml_file.h"
 #include "src/sensor/camera_naming.h"
 #include "src/util/errors.h"
+#include "src/util/parse_number.h"
 
 namespace mfir {
 namespace {
@@ -25,14 +26,21 @@ bool IsFile(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
-// Fields "PREFIX_CAMERA" of a file in OpenCV's YAML.
+// Fields "PREFIX_CAMERA" of a file in OpenCV's YAML. OpenCV's own reader can
+// hang on damaged files.
 class OpenCVFile {
  public:
-  explicit OpenCVFile(const std::string& path) : path_(path) {
-    // OpenCV itself takes no byte order mark.
-    if (!storage_.open(WithoutTrailingBlanks(ReadTextFile(path)),
-                       cv::FileStorage::READ | cv::FileStorage::MEMORY)) {
-      throw InputError(path + ": cannot read the file. Is it complete?");
+  explicit OpenCVFile(const std::string& path)
+      : path_(path), root_(ReadYamlFile(path)) {
+    if (!root_.IsMap()) {
+      throw InputError(path +
+                       ": not a file in OpenCV's YAML, which has names and "
+                       "fields like K_1 or T_1 at its top level.");
+    }
+    std::set<std::string> fields;
+    for (const auto& entry : root_) {
+      const std::string field = entry.first.as<std::string>("");
+      if (!fields.insert(field).second) Fail(field, "stands twice");
     }
   }
 
@@ -40,27 +48,26 @@ class OpenCVFile {
 
   std::vector<std::string> CameraNames() const {
     std::vector<std::string> names;
-    const cv::FileNode node = storage_["names"];
-    if (!node.isSeq()) {
+    const YAML::Node node = root_["names"];
+    if (!node.IsDefined() || !node.IsSequence()) {
       Fail("names", "is missing or not a list of camera names");
     }
-    for (const cv::FileNode& name : node) {
-      if (!name.isString() && !name.isInt()) {
+    for (const YAML::Node& name : node) {
+      if (!name.IsScalar() || name.Scalar().empty()) {
         Fail("names", "has an entry that is not a camera name");
       }
-      names.push_back(name.isInt() ? std::to_string(static_cast<int>(name))
-                                   : static_cast<std::string>(name));
+      names.push_back(name.Scalar());
     }
     return names;
   }
 
   // The field of a camera, if there is one. Numbers compare as numbers: the
-  // list has 1 where "01" was written without quotes.
+  // list may have 1 where the field has 01.
   std::optional<std::string> FindField(const std::string& prefix,
                                        const std::string& camera_name) const {
     const std::string canonical_name = CanonicalCameraName(camera_name);
-    for (const cv::FileNode& node : storage_.root()) {
-      const std::string field = node.name();
+    for (const auto& entry : root_) {
+      const std::string field = entry.first.as<std::string>("");
       if (field.compare(0, prefix.size(), prefix) == 0 &&
           CanonicalCameraName(field.substr(prefix.size())) == canonical_name) {
         return field;
@@ -71,19 +78,21 @@ class OpenCVFile {
 
   // Row-major elements of an opencv-matrix.
   std::vector<double> Matrix(const std::string& field) const {
-    const cv::FileNode data = storage_[field]["data"];
-    if (!data.isSeq()) {
+    const YAML::Node node = root_[field];
+    if (!node.IsMap() || !node["data"].IsDefined() ||
+        !node["data"].IsSequence()) {
       Fail(field, "is not an opencv-matrix");
     }
     std::vector<double> values;
-    for (const cv::FileNode& value : data) {
-      if ((!value.isReal() && !value.isInt()) ||
-          !std::isfinite(static_cast<double>(value))) {
+    for (const YAML::Node& element : node["data"]) {
+      double value;
+      if (!element.IsScalar() || !ParseNumber(element.Scalar(), &value) ||
+          !std::isfinite(value)) {
         Fail(field,
              "element " + std::to_string(values.size() + 1) +
                  " is not a finite number");
       }
-      values.push_back(static_cast<double>(value));
+      values.push_back(value);
     }
     return values;
   }
@@ -105,10 +114,11 @@ class OpenCVFile {
     if (!field) {
       return 0;
     }
-    const cv::FileNode node = storage_[*field];
-    const double size = node.isInt() || node.isReal()
-                            ? static_cast<double>(node)
-                            : std::nan("");
+    const YAML::Node node = root_[*field];
+    double size;
+    if (!node.IsScalar() || !ParseNumber(node.Scalar(), &size)) {
+      size = std::nan("");
+    }
     if (size == -1.0) {
       return 0;
     }
@@ -126,7 +136,7 @@ class OpenCVFile {
 
  private:
   const std::string path_;
-  cv::FileStorage storage_;
+  const YAML::Node root_;
 };
 
 Eigen::Matrix3d RowMajorMatrix3(const std::vector<double>& values) {
@@ -195,10 +205,6 @@ void ReadIntrinsics(const OpenCVFile& file,
       K, distortion, pixel_offset, file.Path() + ": camera " + name, camera);
   camera->width = file.ImageSize("W_", name);
   camera->height = file.ImageSize("H_", name);
-  // One alone says nothing.
-  if (camera->width == 0 || camera->height == 0) {
-    camera->width = camera->height = 0;
-  }
 }
 
 bool IsYamlFile(const fs::path& path) {
@@ -290,37 +296,20 @@ bool IsOpenCVRig(const std::string& path) {
 Cameras ReadOpenCVRig(const std::string& path,
                       double pixel_offset,
                       RigRemarks* /*remarks*/) {
-  const QuietOpenCV quiet_opencv;
   const auto [extrinsics_path, intrinsics_path] = FindFiles(path);
-  fs::path current_path = extrinsics_path;
-  const auto unreadable = [&current_path](const std::string& why) {
-    return InputError(current_path.string() +
-                      ": not a file in OpenCV's YAML (" + why +
-                      "). It must begin with %YAML:1.0.");
-  };
-  try {
-    const OpenCVFile extrinsics(extrinsics_path.string());
-    std::optional<OpenCVFile> intrinsics;
-    Cameras cameras;
-    for (const std::string& name : extrinsics.CameraNames()) {
-      KnownCamera& camera = cameras.emplace_back();
-      camera.image_name = name;
-      ReadPose(extrinsics, &camera);
-    }
-    if (!intrinsics_path.empty()) {
-      current_path = intrinsics_path;
-      intrinsics.emplace(intrinsics_path.string());
-      for (KnownCamera& camera : cameras) {
-        ReadIntrinsics(*intrinsics, pixel_offset, &camera);
-      }
-    }
-    return cameras;
-  } catch (const cv::Exception& error) {
-    throw unreadable(error.err);
-  } catch (const std::logic_error& error) {
-    // Of its parser, at text that it does not expect.
-    throw unreadable(error.what());
+  const OpenCVFile extrinsics(extrinsics_path.string());
+  Cameras cameras;
+  for (const std::string& name : extrinsics.CameraNames()) {
+    KnownCamera& camera = cameras.emplace_back();
+    camera.image_name = name;
+    ReadPose(extrinsics, &camera);
   }
+  if (intrinsics_path.empty()) return cameras;
+  const OpenCVFile intrinsics(intrinsics_path.string());
+  for (KnownCamera& camera : cameras) {
+    ReadIntrinsics(intrinsics, pixel_offset, &camera);
+  }
+  return cameras;
 }
 
 void WriteOpenCVRig(const std::string& path,

@@ -94,6 +94,10 @@ Rig ReadRig(const std::string& path,
   for (KnownCamera& camera : rig.cameras) {
     Eigen::Quaterniond& rotation = camera.cam_from_world.rotation;
     rotation = host::StableQuaternion(rotation);
+    // One alone says nothing.
+    if (camera.width == 0 || camera.height == 0) {
+      camera.width = camera.height = 0;
+    }
   }
   return rig;
 }

@@ -279,6 +279,8 @@ TEST_F(OptionParserTest, MissingOrMalformedIniIsAnError) {
   ExpectUsageError({"--project_path", folder_ / "none.ini"},
                    {folder_ / "none.ini"});
   ExpectUsageError(Ini("[MultiFrame]\nloss_scale\n"), {path_});
+  ExpectUsageError(Ini(std::string("\ninput_path=\0x\n", 15)),
+                   {path_ + ":2:", "NUL"});
 }
 
 TEST_F(OptionParserTest, AbbreviationsAreRefused) {

@@ -171,12 +171,13 @@ TEST(ReadRig, BadOpenCV) {
   };
   const TemporaryFolder folder;
   for (const Bad& bad : std::vector<Bad>{
-           {"extri.yml", "%YAML:1.0", "yaml", {"extri.yml", "%YAML:1.0"}},
+           {"extri.yml", "%YAML:1.0", "yaml", {"extri.yml", "OpenCV's YAML"}},
            {"extri.yml", "%YAML:1.0", "%YAML:1.0\n\tx: 1", {"extri.yml"}},
            {"extri.yml", "names:", "namen:", {"extri.yml", "names"}},
            {"extri.yml", "- \"cam2\"", "- \"cam3\"", {"T_cam3", "missing"}},
            {"extri.yml", "- \"cam2\"", "- \"1\"", {"both camera '1'"}},
-           {"extri.yml", "- \"cam2\"", "- 1.5", {"names"}},
+           {"extri.yml", "- \"cam2\"", "- [1]", {"names"}},
+           {"extri.yml", "- \"cam2\"", "- \"\"", {"names"}},
            {"extri.yml", "T_01:", "t_01:", {"extri.yml", "T_01", "missing"}},
            {"extri.yml", "R_cam2:", "r_cam2:", {"Rot_cam2", "both missing"}},
            {"extri.yml", "[4, 5, 6]", "[4, 5]", {"T_cam2", "2 elements"}},
@@ -185,6 +186,7 @@ TEST(ReadRig, BadOpenCV) {
            {"extri.yml", "[4, 5, 6]", "[4, 5, 6", {"extri.yml"}},
            {"extri.yml", "[0, -1,", "[0, 1,", {"camera 01", "rotation"}},
            {"extri.yml", "1.5707963", "1.6707963", {"Rot_01 and R_01"}},
+           {"intri.yml", "K_cam2", "K_01", {"intri.yml", "K_01", "twice"}},
            {"intri.yml", "K_cam2", "K_cam3", {"intri.yml", "K_cam2"}},
            {"intri.yml", "[2000, 0.", "[-1, 0.", {"camera cam2", "positive"}},
            {"intri.yml", "[2000, 0.", "[2000, 1.", {"camera cam2", "skew"}},

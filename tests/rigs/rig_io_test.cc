@@ -316,7 +316,7 @@ TEST(ReadRig, Detection) {
   EXPECT_THROW(ReadFormat(folder.Path(), "bundler"), UsageError);
   // Forced formats win over what detection would find.
   WriteFile(folder / "KRT.yml", kKRT);
-  ExpectInputError([&] { ReadFormat(folder / "KRT.yml"); }, {"%YAML:1.0"});
+  ExpectInputError([&] { ReadFormat(folder / "KRT.yml"); }, {"OpenCV's YAML"});
   EXPECT_EQ(ReadFormat(folder / "KRT.yml", "krt").cameras.size(), 3);
 }
 
