@@ -117,15 +117,27 @@ bool HasTable(sqlite3* database, const std::string& name) {
                    name + "'") != "0";
 }
 
+size_t NumColumns(sqlite3* database,
+                  const std::string& table,
+                  const std::string& quoted_names) {
+  return std::stoul(Query(database,
+                          "SELECT count(*) FROM pragma_table_info('" + table +
+                              "') WHERE name IN (" + quoted_names + ")"));
+}
+
 // The matrices of a geometry are empty or whole.
 std::string FindDamagedGeometry(sqlite3* database) {
+  const std::string kTable = "two_view_geometries";
+  Query(database, "SELECT config FROM " + kTable);
+  // COLMAP adds them to tables of older versions, but not one alone.
+  if (NumColumns(database, kTable, "'F', 'E', 'H'") % 3 != 0 ||
+      NumColumns(database, kTable, "'qvec', 'tvec'") % 2 != 0) {
+    return "two-view geometries lack a column";
+  }
   for (const auto& [column, size] :
        {std::pair("F", 72), {"E", 72}, {"H", 72}, {"qvec", 32}, {"tvec", 24}}) {
     const std::string name = column;
-    if (Query(database,
-              "SELECT count(*) FROM pragma_table_info('two_view_geometries') "
-              "WHERE name = '" +
-                  name + "'") != "0" &&
+    if (NumColumns(database, kTable, "'" + name + "'") != 0 &&
         Query(database,
               "SELECT count(*) FROM two_view_geometries WHERE coalesce(length("
               "CAST(" +
@@ -147,6 +159,9 @@ std::string FindDamage(sqlite3* database) {
         "SELECT camera_id, model, width, height, params, prior_focal_length "
         "FROM cameras");
   Query(database, "SELECT " + host::RequiredImageColumns() + " FROM images");
+  if (HasTable(database, "descriptors")) {
+    Query(database, "SELECT image_id FROM descriptors");
+  }
   for (const Requirement& requirement : RequirementsOfColmap()) {
     const bool is_optional = requirement.table == "descriptors" ||
                              requirement.table == "two_view_geometries";
