@@ -44,8 +44,9 @@ struct TrackRefinementOptions {
   // and not further from the keypoint, or from the projection (px).
   double max_shift = 1.5;
   double max_added_shift = 2.0;
-  // Between the lines of sight of the reference view and a new one (degrees).
-  double max_added_angle = 60.0;
+  // Between the lines of sight of the reference view and a new one (degrees). In
+  // rings of 12 cameras, 30 degrees apart, the next but one still counts.
+  double max_added_angle = 70.0;
 
   // A frame stays as it is if fewer of its tracks than this share can be
   // refined, and a camera keeps its keypoints as they are if fewer of them are
