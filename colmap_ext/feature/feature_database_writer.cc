@@ -41,7 +41,7 @@ class WritingFeatureSource : public DenseFeatureSource {
   }
 
   DenseFeaturePatches Extract(const DenseFeatureRequest& request) override {
-    const DenseFeaturePatches patches = source_->Extract(request);
+    DenseFeaturePatches patches = source_->Extract(request);
     // Images may be asked for twice. Two frames of the same name in the file
     // are an error.
     if (written_.insert({request.frame_name, request.camera_name}).second) {

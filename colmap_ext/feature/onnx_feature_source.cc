@@ -150,7 +150,8 @@ DenseFeaturePatches OnnxFeatureSource::Extract(
   DenseFeaturePatches patches =
       PlacePatches(request, patch_size_, num_channels_, stride_);
   const double radius = 0.5 * patch_size_ * stride_;
-  const int margin = options_.tile_overlap + static_cast<int>(radius + 0.5);
+  const int margin =
+      options_.tile_overlap + static_cast<int>(std::lround(radius));
   const auto plan = [&](int image_size) {
     return PlanTiles(image_size,
                      options_.tile_size,

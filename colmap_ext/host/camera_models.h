@@ -71,7 +71,7 @@ struct CameraModelTraits {
 template <typename Visitor>
 void VisitCameraModels(const Visitor& visit) {
   using namespace colmap;  // NOLINT: the list of cases is COLMAP's
-#define CAMERA_MODEL_CASE(Model) visit(Model{});
+#define CAMERA_MODEL_CASE(Model) visit(Model{});  // NOLINT: a type
 #if MFIR_COLMAP_MAJOR >= 4
   PERSPECTIVE_CAMERA_MODEL_CASES
 #else

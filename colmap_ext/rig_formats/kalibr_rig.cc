@@ -69,7 +69,7 @@ class KalibrFile {
   std::vector<double> Numbers(const std::string& camera,
                               const std::string& key,
                               size_t size) const {
-    const std::vector<double> numbers = Numbers(camera, key);
+    std::vector<double> numbers = Numbers(camera, key);
     if (numbers.size() != size) {
       Fail(camera,
            key,

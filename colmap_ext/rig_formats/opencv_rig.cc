@@ -98,7 +98,7 @@ class OpenCVFile {
   }
 
   std::vector<double> Matrix(const std::string& field, size_t size) const {
-    const std::vector<double> values = Matrix(field);
+    std::vector<double> values = Matrix(field);
     if (values.size() != size) {
       Fail(field,
            "has " + std::to_string(values.size()) + " elements, not " +

@@ -37,7 +37,7 @@ std::string ModelName(const Intrinsics& intrinsics) {
   if (is_fisheye && is_fisheye->Flag()) return "OPENCV_FISHEYE";
   const auto model = intrinsics.Find("camera_model");
   if (!model) return "OPENCV";
-  const std::string name = model->Text();
+  std::string name = model->Text();
   if (name == "SIMPLE_PINHOLE") return "PINHOLE";
   if (name == "SIMPLE_RADIAL" || name == "RADIAL" || name == "FULL_OPENCV") {
     return "OPENCV";
