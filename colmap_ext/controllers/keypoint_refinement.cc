@@ -10,13 +10,35 @@
 #include "colmap_ext/host/util.h"
 #include "cuda/patch_alignment_gpu.h"
 #include "src/parallel/parallel_for.h"
-#include "src/patches/track_refinement.h"
+#include "src/util/errors.h"
 #include "src/util/gpu_choice.h"
 
 namespace mfir {
 namespace {
 
 using Log = std::function<void(const std::string&)>;
+
+SplineImage MakeSpline(const host::Bitmap& bitmap) {
+  const std::vector<uint8_t> pixels = host::RowMajorData(bitmap);
+  return SplineImage(static_cast<size_t>(bitmap.Width()),
+                     static_cast<size_t>(bitmap.Height()),
+                     std::vector<float>(pixels.begin(), pixels.end()));
+}
+
+SplineImage ReadImage(const std::string& path, const RigCamera& camera) {
+  host::Bitmap bitmap;
+  if (!bitmap.Read(path, /*as_rgb=*/false)) {
+    throw InputError(path + ": not a readable image. Replace the file.");
+  }
+  if (static_cast<size_t>(bitmap.Width()) != camera.width ||
+      static_cast<size_t>(bitmap.Height()) != camera.height) {
+    throw InputError(
+        path +
+        ": the image has another size than its camera in RIG. Give "
+        "the images of this array (--image_path).");
+  }
+  return MakeSpline(bitmap);
+}
 
 // Empty where there is no file.
 SplineImage ReadImage(const ImageFolder& folder,
@@ -30,11 +52,8 @@ SplineImage ReadImage(const ImageFolder& folder,
   request.width = static_cast<int>(camera.width);
   request.height = static_cast<int>(camera.height);
   host::Bitmap bitmap;
-  if (!folder.Read(request, /*as_rgb=*/false, &bitmap)) return {};
-  const std::vector<uint8_t> pixels = host::RowMajorData(bitmap);
-  return SplineImage(camera.width,
-                     camera.height,
-                     std::vector<float>(pixels.begin(), pixels.end()));
+  return folder.Read(request, /*as_rgb=*/false, &bitmap) ? MakeSpline(bitmap)
+                                                         : SplineImage();
 }
 
 std::vector<SplineImage> ReadImages(const MultiFrameOptions& options,
@@ -109,6 +128,14 @@ Frame MakeFrame(const Frame& before, const TrackRefinement& refinement) {
     frame.track_begins.push_back(frame.observations.size());
   }
   return frame;
+}
+
+std::vector<Eigen::Vector3d> Points(const TrackRefinement& refinement) {
+  std::vector<Eigen::Vector3d> points;
+  for (const RefinedTrack& track : refinement.tracks) {
+    points.push_back(track.xyz);
+  }
+  return points;
 }
 
 void AddStatistics(const Frame& before,
@@ -263,6 +290,62 @@ void SumStatistics(const Communicator& ranks, KeypointStatistics* statistics) {
 
 }  // namespace
 
+host::Reconstruction RefineKeypointsOfModel(
+    const TrackRefinementOptions& options,
+    const std::vector<RigCamera>& cameras,
+    const std::map<size_t, std::string>& image_paths,
+    const std::string& frame_name,
+    host::Reconstruction reconstruction,
+    std::string* line) {
+  Capture capture;
+  for (const RigCamera& camera : cameras) {
+    capture.cameras.emplace_back();
+    capture.cameras.back().name = camera.name;
+    capture.cameras.back().cam_from_world = camera.cam_from_world;
+  }
+  FrameModel& model = capture.frames.emplace_back();
+  model.name = frame_name;
+  model.reconstruction =
+      std::make_unique<host::Reconstruction>(std::move(reconstruction));
+  for (const host::image_t id : model.reconstruction->RegImageIds()) {
+    model.image_ids[model.reconstruction->Image(id).CameraId() - 1] = id;
+  }
+  const SceneEstimate built = BuildScene(capture);
+  const Frame& frame = built.scene.frames[0];
+  std::vector<PatchCamera> patch_cameras;
+  std::vector<SplineImage> images(frame.images.size());
+  for (const FrameImage& image : frame.images) {
+    const RigCamera& camera = cameras[image.camera_idx];
+    patch_cameras.push_back(
+        {camera.model, camera.cam_from_world, camera.params});
+  }
+  ParallelFor(images.size(), options.num_threads, [&](size_t i) {
+    const size_t camera_idx = frame.images[i].camera_idx;
+    const auto path = image_paths.find(camera_idx);
+    if (path == image_paths.end()) return;
+    images[i] = ReadImage(path->second, cameras[camera_idx]);
+  });
+  const TrackRefinement refinement =
+      RefinePatchTracks(options,
+                        patch_cameras,
+                        images,
+                        MakeTracks(frame, built.estimate.frames[0]));
+  *line = Describe(frame, refinement);
+  if (refinement.unchanged) return std::move(*model.reconstruction);
+  model.reconstruction =
+      MakeModel(model, Points(refinement), MakeFrame(frame, refinement));
+  SceneEstimate refined = BuildScene(capture);
+  refined.estimate.cameras = cameras;
+  // With the errors of the points.
+  return RefinedReconstruction(Similarity3(),
+                               model,
+                               refined.scene,
+                               refined.estimate,
+                               /*frame_idx=*/0,
+                               capture.cameras,
+                               /*single_frame_mode=*/false);
+}
+
 KeypointRefinement RefineKeypoints(const MultiFrameOptions& options,
                                    const std::string& image_path,
                                    const Log& log,
@@ -301,10 +384,7 @@ KeypointRefinement RefineKeypoints(const MultiFrameOptions& options,
     log(Describe(frame, refinement));
     result.frames.push_back(
         refinement.unchanged ? frame : MakeFrame(frame, refinement));
-    result.points.emplace_back();
-    for (const RefinedTrack& track : refinement.tracks) {
-      result.points.back().push_back(track.xyz);
-    }
+    result.points.push_back(Points(refinement));
     AddStatistics(frame, result.frames.back(), refinement, &result.statistics);
   }
   SumStatistics(*scene.ranks, &result.statistics);

@@ -5,12 +5,14 @@
 
 #include <cstddef>
 #include <functional>
+#include <map>
 #include <string>
 #include <vector>
 
 #include <Eigen/Core>
 
 #include "colmap_ext/frames/frames.h"
+#include "src/patches/track_refinement.h"
 #include "src/refinement/options.h"
 #include "src/scene/estimate.h"
 #include "src/scene/scene.h"
@@ -46,6 +48,19 @@ KeypointRefinement RefineKeypoints(
     const std::function<void(const std::string&)>& log,
     const Scene& scene,
     const Estimate& estimate);
+
+// The model of one frame whose cameras are `cameras` (id of a camera = index +
+// 1), with their poses and intrinsics, after the refinement of its keypoints.
+// image_paths: file of the image, by index of the camera; images without one
+// keep their keypoints. `line`: for the log. On the CPU. Throws InputError for
+// an image that cannot be read or has another size.
+host::Reconstruction RefineKeypointsOfModel(
+    const TrackRefinementOptions& options,
+    const std::vector<RigCamera>& cameras,
+    const std::map<size_t, std::string>& image_paths,
+    const std::string& frame_name,
+    host::Reconstruction reconstruction,
+    std::string* line);
 
 // The capture with the refined tracks in its models.
 Capture ReplaceKeypoints(const KeypointRefinement& refinement, Capture capture);

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <new>
 #include <optional>
@@ -15,6 +16,7 @@
 #include <nlohmann/json.hpp>
 
 #include "colmap_ext/controllers/frame_triangulation.h"
+#include "colmap_ext/controllers/keypoint_refinement.h"
 #include "colmap_ext/controllers/parallel_log.h"
 #include "colmap_ext/controllers/stage_progress.h"
 #include "colmap_ext/exe/command.h"
@@ -27,6 +29,7 @@
 #include "colmap_ext/models/model_io.h"
 #include "colmap_ext/options/triangulator_options.h"
 #include "src/parallel/parallel_for.h"
+#include "src/patches/track_refinement.h"
 #include "src/util/errors.h"
 #include "src/util/interruption.h"
 
@@ -75,7 +78,8 @@ Json MakeRecord(const TriangulatorInputs& inputs,
            {{"extraction", timings.extraction},
             {"matching", timings.matching},
             {"verification", timings.verification},
-            {"triangulation", timings.triangulation}}},
+            {"triangulation", timings.triangulation},
+            {"keypoints", timings.keypoints}}},
           {"warnings", warnings}};
 }
 
@@ -178,6 +182,39 @@ std::unique_ptr<FrameOutput> LockFrame(const fs::path& folder,
   }
 }
 
+host::Reconstruction RefineKeypoints(const TriangulatorOptions& options,
+                                     const TriangulatorInputs& inputs,
+                                     int num_threads,
+                                     const InputFrame& frame,
+                                     host::Reconstruction model,
+                                     ParallelLog* log,
+                                     FrameStatistics* statistics,
+                                     FrameTimings* timings) {
+  if (!options.refine_keypoints && !options.complete_tracks) return model;
+  host::Timer timer;
+  timer.Start();
+  TrackRefinementOptions track_options;
+  track_options.refine_keypoints = options.refine_keypoints;
+  track_options.complete_tracks = options.complete_tracks;
+  track_options.num_threads = num_threads;
+  std::map<size_t, std::string> image_paths;
+  for (const FrameImageFile& file : frame.files) {
+    image_paths[file.camera_idx] = file.path;
+  }
+  std::string line;
+  model = RefineKeypointsOfModel(track_options,
+                                 inputs.cameras,
+                                 image_paths,
+                                 frame.name,
+                                 std::move(model),
+                                 &line);
+  log->Print(line);
+  statistics->num_points = model.NumPoints3D();
+  statistics->num_observations = model.ComputeNumObservations();
+  timings->keypoints = timer.ElapsedSeconds();
+  return model;
+}
+
 // Returns what the frame came to, for the log. Throws InputError.
 std::string ProcessFrame(const TriangulatorOptions& options,
                          const TriangulatorInputs& inputs,
@@ -234,18 +271,27 @@ std::string ProcessFrame(const TriangulatorOptions& options,
   {
     const std::shared_ptr<host::Database> database =
         host::OpenDatabase(output->DatabasePath());
+    host::Reconstruction model =
+        TriangulateFrame(options,
+                         inputs.naming.OfFrame(frame->name),
+                         inputs.cameras,
+                         inputs.pairs,
+                         num_threads,
+                         LogProgress(frame->name, "pairs", log),
+                         database.get(),
+                         &statistics,
+                         &timings,
+                         &frame->warnings);
     WriteModel(output->ModelPath(),
                /*with_text=*/false,
-               TriangulateFrame(options,
-                                inputs.naming.OfFrame(frame->name),
-                                inputs.cameras,
-                                inputs.pairs,
-                                num_threads,
-                                LogProgress(frame->name, "pairs", log),
-                                database.get(),
-                                &statistics,
-                                &timings,
-                                &frame->warnings));
+               RefineKeypoints(options,
+                               inputs,
+                               num_threads,
+                               *frame,
+                               std::move(model),
+                               log,
+                               &statistics,
+                               &timings));
   }
   output->Finish(make_database,
                  MakeRecord(inputs,

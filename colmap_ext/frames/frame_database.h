@@ -17,6 +17,7 @@ struct FrameTimings {
   double matching = 0.0;
   double verification = 0.0;
   double triangulation = 0.0;
+  double keypoints = 0.0;
 };
 
 // Writes keypoints and descriptors of the images into the new database at

@@ -87,6 +87,12 @@ void AddOwnOptions(TriangulatorOptions* options, OptionParser* parser) {
   add("feature_extractor",
       &options->feature_extractor,
       "built_in: the same as COLMAP's SIFT, faster; or colmap");
+  add("refine_keypoints",
+      &options->refine_keypoints,
+      "1: align keypoints on the images; only with intrinsics that are good");
+  add("complete_tracks",
+      &options->complete_tracks,
+      "1: look for tracks in further cameras, in the same way");
   add("num_threads", &options->num_threads, "-1: all");
   add("overwrite",
       &options->overwrite,

@@ -39,6 +39,9 @@ struct TriangulatorOptions {
   std::string feature_extractor = "built_in";
   // Cap of the tolerance of epipolar errors / larger image side.
   double max_epipolar_error = 0.02;
+  // On the images, with the given intrinsics (track_refinement.h).
+  bool refine_keypoints = false;
+  bool complete_tracks = false;
   int num_threads = -1;
   bool overwrite = false;
   bool quiet = false;

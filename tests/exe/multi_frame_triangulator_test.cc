@@ -162,6 +162,35 @@ TEST_F(TriangulatorTest, IntrinsicsOfDistortedCamerasComeOutOfImages) {
   expect_less(refined["rest"]["pp_abs"], start["rest"]["pp_abs"], 0.7);
 }
 
+TEST_F(TriangulatorTest, KeypointsAreRefinedOnTheImages) {
+  const std::string true_rig = Input("ground_truth");
+  ASSERT_EQ(Run({{"intrinsics_path", true_rig}, {"output_path", Path("plain")}})
+                .exit_code,
+            0);
+  const CommandResult result =
+      Run({{"intrinsics_path", true_rig},
+           {"output_path", Path("refined")},
+           {"MultiFrameTriangulator.refine_keypoints", "1"},
+           {"MultiFrameTriangulator.complete_tracks", "1"}});
+  ASSERT_EQ(result.exit_code, 0) << result.error;
+  EXPECT_NE(result.output.find("tracks refined"), std::string::npos);
+  for (const std::string frame : {kRendered0, kRendered1}) {
+    host::Reconstruction plain;
+    host::Reconstruction refined;
+    const std::string model = "/" + frame + "/sparse/0";
+    ReadModel(Path("plain" + model), /*require_points=*/true, &plain);
+    ReadModel(Path("refined" + model), /*require_points=*/true, &refined);
+    EXPECT_LT(refined.ComputeMeanReprojectionError(),
+              0.7 * plain.ComputeMeanReprojectionError());
+    EXPECT_GT(refined.ComputeMeanTrackLength(),
+              1.2 * plain.ComputeMeanTrackLength());
+    const nlohmann::json record =
+        ReadJson(Path("refined/" + frame + "/triangulation.json"));
+    EXPECT_EQ(record["num_points"], refined.NumPoints3D());
+    EXPECT_EQ(record["num_observations"], refined.ComputeNumObservations());
+  }
+}
+
 TEST_F(TriangulatorTest, GivenDatabasesAreUsedAndNotChanged) {
   CopyFrames();
   // One frame with two-view geometries, one with matches only.
