@@ -159,6 +159,19 @@ std::string FindDamage(sqlite3* database) {
         "SELECT camera_id, model, width, height, params, prior_focal_length "
         "FROM cameras");
   Query(database, "SELECT " + host::RequiredImageColumns() + " FROM images");
+  Query(database, "PRAGMA foreign_keys = ON");
+  for (const char* table : {"cameras",
+                            "images",
+                            "keypoints",
+                            "descriptors",
+                            "matches",
+                            "two_view_geometries"}) {
+    if (!HasTable(database, table)) continue;
+    // Compiled, not run: references to columns that are not there.
+    const std::string name = table;
+    Query(database, "EXPLAIN INSERT INTO " + name + " SELECT * FROM " + name);
+    Query(database, "EXPLAIN DELETE FROM " + name);
+  }
   if (HasTable(database, "descriptors")) {
     Query(database, "SELECT image_id FROM descriptors");
   }

@@ -21,10 +21,9 @@ void CheckLogTarget(const std::string& target) {
   for (const char* known : {"stderr", "stdout", "file", "stderr_and_file"}) {
     if (target == known) return;
   }
-  std::cerr << "ERROR: --log_target must be stderr, stdout, file or "
-               "stderr_and_file, but is "
-            << target << "." << std::endl;
-  std::exit(EXIT_FAILURE);
+  throw UsageError(
+      "--log_target must be stderr, stdout, file or stderr_and_file, but is " +
+      target + ".");
 }
 
 #if MFIR_COLMAP_MAJOR >= 4
