@@ -83,7 +83,7 @@ ReportCamera ReadCamera(const Json& json) {
 
 // Throws std::invalid_argument if these are not parameters of the model.
 CameraValues MakeValues(const CameraModel* model, const Json& params) {
-  const CameraValues values = {model, Numbers(params), {}};
+  CameraValues values = {model, Numbers(params), {}};
   if (model != nullptr && values.params.size() != model->NumParams()) {
     throw std::invalid_argument(
         "there must be " + std::to_string(model->NumParams()) + " parameters");
@@ -129,7 +129,7 @@ Json ReadSummary(const std::string& path) {
     throw InputError(path + ": there is no such folder.");
   }
   if (!std::filesystem::exists(file)) Fail(path, "there is no such file");
-  const Json summary =
+  Json summary =
       Json::parse(ReadTextFile(file), nullptr, /*allow_exceptions=*/false);
   if (summary.is_discarded()) Fail(path, "not valid JSON");
   const Json version =

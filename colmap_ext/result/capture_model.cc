@@ -32,7 +32,7 @@ void CaptureModel::AddFrame(const FrameModel& frame,
                             const host::Reconstruction& refined) {
   model_.AddFrame(
       [&](const host::Image& image) {
-        const std::string name = ImageName(frame, image.Name());
+        std::string name = ImageName(frame, image.Name());
         image_names_.insert(name);
         return name;
       },

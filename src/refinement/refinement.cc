@@ -464,7 +464,7 @@ double EstimateCauchyScale(const Scene& scene, const Estimate& estimate) {
         NoiseSamples(single.scene, single.estimate, nullptr, nullptr).keypoints;
     samples.insert(samples.end(), frame_samples.begin(), frame_samples.end());
   }
-  return std::max(1e-3, kCauchyScaleInStds * RobustStd(std::move(samples)));
+  return std::max(1e-3, kCauchyScaleInStds * RobustStd(samples));
 }
 
 std::vector<double> SquaredResiduals(const Scene& scene,

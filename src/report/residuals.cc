@@ -11,11 +11,11 @@ namespace {
 size_t CellIdx(const ReportCamera& camera, const Eigen::Vector2d& keypoint) {
   const double x = keypoint.x() / static_cast<double>(camera.width);
   const double y = keypoint.y() / static_cast<double>(camera.height);
-  const int column = static_cast<int>(std::clamp(
+  const auto column = static_cast<size_t>(std::clamp(
       std::floor(x * kResidualColumns), 0.0, kResidualColumns - 1.0));
-  const int row = static_cast<int>(
+  const auto row = static_cast<size_t>(
       std::clamp(std::floor(y * kResidualRows), 0.0, kResidualRows - 1.0));
-  return static_cast<size_t>(row * kResidualColumns + column);
+  return row * kResidualColumns + column;
 }
 
 }  // namespace

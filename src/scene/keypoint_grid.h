@@ -26,6 +26,17 @@ class KeypointGrid {
     cell->second = entries_.size() - 1;
   }
 
+  // Those with erase(idx).
+  template <typename Function>
+  void EraseIf(const Function& erase) {
+    std::vector<Entry> entries;
+    entries.swap(entries_);
+    cells_.clear();
+    for (const Entry& entry : entries) {
+      if (!erase(entry.idx)) Add(entry.xy, entry.idx);
+    }
+  }
+
   // Calls function(idx) for those within `max_distance`.
   template <typename Function>
   void ForEachNear(const Eigen::Vector2d& xy, const Function& function) const {

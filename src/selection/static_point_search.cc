@@ -60,7 +60,9 @@ class Places {
         additions_(num_cameras) {}
 
   // Those that the track of a later frame shows, ascending.
-  std::vector<size_t> Find(const Frame& frame, size_t point_idx) const {
+  std::vector<size_t> Find(size_t frame_idx,
+                           const Frame& frame,
+                           size_t point_idx) const {
     thread_local std::vector<Keypoint> keypoints;
     thread_local std::vector<size_t> agreeing;
     CollectKeypoints(frame, point_idx, &keypoints);
@@ -69,8 +71,10 @@ class Places {
       // Each place once.
       const size_t begin = agreeing.size();
       grids_[keypoint.camera_idx].ForEachNear(
-          keypoint.xy,
-          [&](size_t place_idx) { agreeing.push_back(Root(place_idx)); });
+          keypoint.xy, [&](size_t place_idx) {
+            const size_t root = Root(place_idx);
+            if (MayBeShown(root, frame_idx)) agreeing.push_back(root);
+          });
       std::sort(agreeing.begin() + begin, agreeing.end());
       agreeing.erase(std::unique(agreeing.begin() + begin, agreeing.end()),
                      agreeing.end());
@@ -96,6 +100,7 @@ class Places {
     const size_t root =
         place_idxs.empty() ? AddPlace() : Root(place_idxs.front());
     for (const size_t idx : place_idxs) Unite(root, Root(idx));
+    places_[root].last_frame_idx = track.frame_idx;
     const size_t idx = tracks_.size();
     tracks_.push_back({track, kNone});
     Append(idx, idx, &places_[root]);
@@ -108,12 +113,17 @@ class Places {
   }
 
   // What was added can be found from now on.
-  void FinishFrame(int num_threads) {
+  void FinishFrame(size_t frame_idx, int num_threads) {
     ParallelFor(grids_.size(), num_threads, [&](size_t i) {
       for (const auto& [xy, place_idx] : additions_[i]) {
         grids_[i].Add(xy, place_idx);
       }
       additions_[i].clear();
+      // So that the search takes no longer in late frames than in early ones.
+      if (frame_idx % kMaxStaticGap != kMaxStaticGap - 1) return;
+      grids_[i].EraseIf([&](size_t place_idx) {
+        return !MayBeShown(Root(place_idx), frame_idx + 1);
+      });
     });
   }
 
@@ -142,12 +152,17 @@ class Places {
   struct Place {
     size_t first = kNone;
     size_t last = kNone;
+    size_t last_frame_idx = 0;
   };
 
   // Puts the tracks from `first` to `last` behind those of the place.
   void Append(size_t first, size_t last, Place* place) {
     (place->first == kNone ? place->first : tracks_[place->last].next) = first;
     place->last = last;
+  }
+
+  bool MayBeShown(size_t root, size_t frame_idx) const {
+    return places_[root].last_frame_idx + kMaxStaticGap >= frame_idx;
   }
 
   static uint64_t Bit(size_t camera_idx) {
@@ -220,12 +235,12 @@ TrackGroups FindInOneProcess(const Scene& scene, int num_threads) {
     ParallelFor(num_chunks, num_threads, [&](size_t chunk) {
       const size_t begin = chunk * kPointsPerChunk;
       const size_t end = std::min(frame.NumPoints(), begin + kPointsPerChunk);
-      for (size_t i = begin; i < end; ++i) found[i] = places.Find(frame, i);
+      for (size_t i = begin; i < end; ++i) found[i] = places.Find(f, frame, i);
     });
     for (size_t i = 0; i < frame.NumPoints(); ++i) {
       places.Add(found[i], {f, i}, frame);
     }
-    places.FinishFrame(num_threads);
+    places.FinishFrame(f, num_threads);
   }
   TrackGroups points;
   for (std::vector<TrackIndex>& tracks : places.Tracks()) {

@@ -24,10 +24,11 @@ using FindGroups = std::function<TrackGroups(const Scene&)>;
 TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find);
 
 // Tracks that show the same static point in two frames or more. A track belongs
-// to a point that earlier frames have shown if in at least two
-// cameras, and in most of the cameras they share, the keypoints agree within a
-// pixel with those of the first frame that has them. Linear in the number of
-// observations; the same for all numbers of threads (-1: all of the machine).
+// to a point that one of the kMaxStaticGap frames before has shown if in at
+// least two cameras, and in most of the cameras they share, the keypoints agree
+// within a pixel with those of the first frame that has them. Linear in the
+// number of observations; the same for all numbers of threads (-1: all of the
+// machine).
 //
 // The pixel: on panoptic31 the distances of keypoints from the nearest in the
 // next frame have a peak (16 % below 0.3 px), which at 2 px has sunk to the
@@ -35,6 +36,7 @@ TrackGroups FindOverRanks(const Scene& scene, const FindGroups& find);
 // 0.3 m, 0.1 % of the tracks at most are taken for static instead of 30 %.
 //
 // Over ranks as FindOverRanks.
+inline constexpr size_t kMaxStaticGap = 16;
 TrackGroups FindStaticPoints(const Scene& scene, int num_threads = -1);
 
 }  // namespace mfir

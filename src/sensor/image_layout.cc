@@ -212,7 +212,7 @@ ImageReading FindImageLayout(const std::vector<std::string>& paths,
                                         finder.ByCamera(),
                                         finder.Flat(/*camera_first=*/true),
                                         finder.Flat(/*camera_first=*/false)};
-  const ImageReading by_frame = readings.front();
+  ImageReading by_frame = readings.front();
   const auto remove_if = [&readings](const auto& predicate) {
     readings.erase(std::remove_if(readings.begin(), readings.end(), predicate),
                    readings.end());

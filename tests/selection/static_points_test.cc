@@ -231,6 +231,24 @@ TEST(FindStaticPoints, SlowMotionIsMotion) {
   }
 }
 
+TEST(FindStaticPoints, GapsHaveALimit) {
+  // Shown every `step` frames.
+  const auto sizes = [](size_t step) {
+    Scene scene = EmptyScene(6 * kMaxStaticGap, 3);
+    for (size_t f = 0; f < scene.frames.size(); f += step) {
+      AddTrack(0, 3, 0.0, &scene.frames[f]);
+    }
+    std::vector<size_t> sizes;
+    for (const auto& tracks : FindStaticPoints(scene)) {
+      sizes.push_back(tracks.size());
+    }
+    return sizes;
+  };
+  EXPECT_EQ(sizes(1), std::vector<size_t>{6 * kMaxStaticGap});
+  EXPECT_EQ(sizes(kMaxStaticGap), std::vector<size_t>{6});
+  EXPECT_TRUE(sizes(kMaxStaticGap + 1).empty());
+}
+
 TEST(FindStaticPoints, CellsHaveNoBorders) {
   for (double x = -6.0; x < 6.0; x += 0.25) {
     for (const double shift : {-0.95, 0.95}) {
