@@ -18,6 +18,13 @@ constexpr double kStepInSigma = 1.4142135623730951;
 // Relative to the sigma that the median suggests. Narrower components would
 // only describe points that happen to fit their observations.
 constexpr double kMinSigmaRatio = 0.5;
+// Components of which exp() is the square of the next wider one's, in a row:
+// each squaring doubles the relative error.
+constexpr int kMaxNumSquares = 7;
+// Narrower components weigh nothing where 1/2 s / sigma^2 is above this.
+constexpr double kMaxExponent = 80.0;
+// Up to this of the widest component, no weight of it underflows.
+constexpr double kMaxWidestExponent = 30.0;
 
 }  // namespace
 
@@ -97,8 +104,14 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
 
   for (size_t k = 0; k < variances.size(); ++k) {
     if (shares[k] > kMinShare) {
-      components_.push_back(
-          {1.0 / variances[k], std::log(shares[k] / variances[k]), shares[k]});
+      const double density = shares[k] / variances[k];
+      const bool next_is_double =
+          k + 1 < variances.size() && shares[k + 1] > kMinShare;
+      components_.push_back({1.0 / variances[k],
+                             density,
+                             std::log(density),
+                             shares[k],
+                             next_is_double});
     }
   }
   double rho[3];
@@ -107,6 +120,40 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
 }
 
 void ScaleMixtureLoss::Evaluate(double s, double rho[3]) const {
+  if (!(0.5 * s * components_.back().information < kMaxWidestExponent)) {
+    EvaluateFarOut(s, rho);
+    return;
+  }
+  // From wide to narrow. Most of the time would go into exp().
+  double sum = 0.0;
+  double mean = 0.0;
+  double square = 0.0;
+  double gaussian = 0.0;
+  int num_squares = kMaxNumSquares;
+  for (auto component = components_.rbegin(); component != components_.rend();
+       ++component) {
+    const double exponent = 0.5 * s * component->information;
+    if (exponent > kMaxExponent) break;
+    if (component->next_is_double && num_squares < kMaxNumSquares) {
+      gaussian *= gaussian;
+      ++num_squares;
+    } else {
+      gaussian = std::exp(-exponent);
+      num_squares = 0;
+    }
+    const double weight = component->density * gaussian;
+    sum += weight;
+    mean += weight * component->information;
+    square += weight * component->information * component->information;
+  }
+  mean /= sum;
+  square /= sum;
+  rho[0] = 2.0 * (log_density_at_zero_ - std::log(sum));
+  rho[1] = mean;
+  rho[2] = -0.5 * std::max(0.0, square - mean * mean);
+}
+
+void ScaleMixtureLoss::EvaluateFarOut(double s, double rho[3]) const {
   double max_exponent = -std::numeric_limits<double>::max();
   for (const Component& component : components_) {
     max_exponent = std::max(

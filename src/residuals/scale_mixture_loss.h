@@ -56,9 +56,16 @@ class ScaleMixtureLoss final : public ceres::LossFunction {
  private:
   struct Component {
     double information;  // 1 / sigma^2
-    double log_density;  // log(pi / sigma^2), up to a constant
-    double share;        // pi
+    double density;      // pi / sigma^2: at 0, up to a constant
+    double log_density;
+    double share;  // pi
+    // Whether the next one has twice the variance.
+    bool next_is_double;
   };
+
+  // For any s.
+  void EvaluateFarOut(double s, double rho[3]) const;
+
   double MinInlierInformation() const;
 
   std::vector<Component> components_;
