@@ -93,7 +93,7 @@ std::vector<Argument> ReadArguments(int argc, char** argv) {
 std::string Take(const std::string& name, std::vector<Argument>* arguments) {
   for (auto it = arguments->begin(); it != arguments->end(); ++it) {
     if (it->name != name) continue;
-    const std::string value = it->value;
+    std::string value = it->value;
     arguments->erase(it);
     return value;
   }

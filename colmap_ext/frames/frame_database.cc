@@ -110,11 +110,10 @@ std::vector<Requirement> RequirementsOfColmap() {
            "two-view geometries" + kNoMatrix}};
 }
 
+// SQLite looks names up in its own way.
 bool HasTable(sqlite3* database, const std::string& name) {
   return Query(database,
-               "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND "
-               "name = '" +
-                   name + "'") != "0";
+               "SELECT count(*) FROM pragma_table_info('" + name + "')") != "0";
 }
 
 size_t NumColumns(sqlite3* database,

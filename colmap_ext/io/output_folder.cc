@@ -154,7 +154,7 @@ void OutputFolder::MakeTemporaryFolder() {
 fs::path OutputFolder::Publish(bool good) {
   const SignalDelay delay;
   const bool has_result = fs::exists(path_ / names_.back());
-  const fs::path not_converged_path = path_ / kNotConverged;
+  fs::path not_converged_path = path_ / kNotConverged;
   if (!good && has_result) {
     fs::remove_all(not_converged_path);
     fs::rename(temporary_path_, not_converged_path);

@@ -149,7 +149,7 @@ std::string PairReason(const std::string& pair) {
     return "both follow the common focal scale; their ratio is known better "
            "than either";
   }
-  const bool has_focal = pair.rfind("f", 0) == 0;
+  const bool has_focal = !pair.empty() && pair.front() == 'f';
   if (has_focal && (pair.find("cx") != std::string::npos ||
                     pair.find("cy") != std::string::npos)) {
     return "the points lie to one side of the image, where a longer focal "
@@ -159,8 +159,8 @@ std::string PairReason(const std::string& pair) {
     return "a longer focal length and distortion look alike except at the "
            "border of the image";
   }
-  if (pair.find("k") != std::string::npos &&
-      pair.find("c") == std::string::npos) {
+  if (pair.find('k') != std::string::npos &&
+      pair.find('c') == std::string::npos) {
     return "coefficients of one polynomial make up for one another: look at "
            "the curve, not at the coefficients";
   }
