@@ -388,9 +388,18 @@ void OptionParser::CheckValues(
       description.add_options()(name, po::value<std::string>());
     }
   }
+  // Boost's messages never end where a value has their placeholders
+  // ("%value%").
+  std::vector<std::string> spaced = arguments;
+  for (std::string& argument : spaced) {
+    for (size_t i = 0; (i = argument.find('%', i)) != std::string::npos;
+         i += 2) {
+      argument.insert(i + 1, " ");
+    }
+  }
   try {
     po::variables_map map;
-    po::store(po::command_line_parser(arguments)
+    po::store(po::command_line_parser(spaced)
                   .options(description)
                   .allow_unregistered()
                   .run(),

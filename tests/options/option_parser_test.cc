@@ -283,6 +283,11 @@ TEST_F(OptionParserTest, MissingOrMalformedIniIsAnError) {
                    {path_ + ":2:", "NUL"});
 }
 
+TEST_F(OptionParserTest, ErrorsOfValuesWithPlaceholdersEnd) {
+  ExpectUsageError(Ini("[MultiFrame]\nloss_scale=3%value%\n"),
+                   {"'--MultiFrame.loss_scale'", "3% value% "});
+}
+
 TEST_F(OptionParserTest, AbbreviationsAreRefused) {
   ExpectUsageError({"--MultiFrame.loss", "1"}, {"--MultiFrame.loss"});
   ExpectUsageError({"--input", "x"}, {"--input"});
