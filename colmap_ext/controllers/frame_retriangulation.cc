@@ -86,15 +86,6 @@ void ForgetVerification(host::Database* database) {
   database->ClearTwoViewGeometries();
 }
 
-std::map<size_t, host::image_t> ImageIds(
-    const host::Reconstruction& reconstruction) {
-  std::map<size_t, host::image_t> image_ids;
-  for (const host::image_t image_id : reconstruction.RegImageIds()) {
-    image_ids[reconstruction.Image(image_id).CameraId() - 1] = image_id;
-  }
-  return image_ids;
-}
-
 // Throws InputError where the frame must keep its tracks.
 void Retriangulate(const MultiFrameOptions& options,
                    const TriangulatorOptions& track_options,
@@ -123,7 +114,7 @@ void Retriangulate(const MultiFrameOptions& options,
       &result->statistics,
       &timings,
       &warnings));
-  const std::map<size_t, host::image_t> image_ids = ImageIds(*model);
+  const std::map<size_t, host::image_t> image_ids = ImageIdsByCamera(*model);
   for (const auto& [camera_idx, image_id] : frame.image_ids) {
     const std::string& name = frame.reconstruction->Image(image_id).Name();
     const auto it = image_ids.find(camera_idx);
@@ -228,7 +219,7 @@ Capture ReplaceModels(Retriangulation retriangulation, Capture capture) {
     if (!frame.skip_reason.empty()) continue;
     std::unique_ptr<host::Reconstruction>& model = retriangulation.models[i++];
     if (model == nullptr) continue;
-    frame.image_ids = ImageIds(*model);
+    frame.image_ids = ImageIdsByCamera(*model);
     frame.reconstruction = std::move(model);
   }
   return capture;

@@ -25,23 +25,8 @@ SplineImage MakeSpline(const host::Bitmap& bitmap) {
                      std::vector<float>(pixels.begin(), pixels.end()));
 }
 
-SplineImage ReadImage(const std::string& path, const RigCamera& camera) {
-  host::Bitmap bitmap;
-  if (!bitmap.Read(path, /*as_rgb=*/false)) {
-    throw InputError(path + ": not a readable image. Replace the file.");
-  }
-  if (static_cast<size_t>(bitmap.Width()) != camera.width ||
-      static_cast<size_t>(bitmap.Height()) != camera.height) {
-    throw InputError(
-        path +
-        ": the image has another size than its camera in RIG. Give "
-        "the images of this array (--image_path).");
-  }
-  return MakeSpline(bitmap);
-}
-
 // Empty where there is no file.
-SplineImage ReadImage(const ImageFolder& folder,
+SplineImage FindImage(const ImageFolder& folder,
                       const std::string& frame_name,
                       const RigCamera& camera,
                       const FrameImage& image) {
@@ -62,7 +47,7 @@ std::vector<SplineImage> ReadImages(const MultiFrameOptions& options,
                                     const Frame& frame) {
   std::vector<SplineImage> images(frame.images.size());
   ParallelFor(images.size(), options.EffectiveNumThreads(), [&](size_t i) {
-    images[i] = ReadImage(folder,
+    images[i] = FindImage(folder,
                           frame.name,
                           scene.cameras[frame.images[i].camera_idx],
                           frame.images[i]);
@@ -288,6 +273,25 @@ void SumStatistics(const Communicator& ranks, KeypointStatistics* statistics) {
   }
 }
 
+// Of one frame, with all cameras of the rig. They keep their numbers, images or
+// not: those of the model have id = index + 1.
+Capture MakeCapture(const std::vector<RigCamera>& cameras,
+                    const std::string& frame_name,
+                    host::Reconstruction reconstruction) {
+  Capture capture;
+  for (const RigCamera& camera : cameras) {
+    capture.cameras.emplace_back();
+    capture.cameras.back().name = camera.name;
+    capture.cameras.back().cam_from_world = camera.cam_from_world;
+  }
+  FrameModel& model = capture.frames.emplace_back();
+  model.name = frame_name;
+  model.image_ids = ImageIdsByCamera(reconstruction);
+  model.reconstruction =
+      std::make_unique<host::Reconstruction>(std::move(reconstruction));
+  return capture;
+}
+
 }  // namespace
 
 host::Reconstruction RefineKeypointsOfModel(
@@ -297,19 +301,8 @@ host::Reconstruction RefineKeypointsOfModel(
     const std::string& frame_name,
     host::Reconstruction reconstruction,
     std::string* line) {
-  Capture capture;
-  for (const RigCamera& camera : cameras) {
-    capture.cameras.emplace_back();
-    capture.cameras.back().name = camera.name;
-    capture.cameras.back().cam_from_world = camera.cam_from_world;
-  }
-  FrameModel& model = capture.frames.emplace_back();
-  model.name = frame_name;
-  model.reconstruction =
-      std::make_unique<host::Reconstruction>(std::move(reconstruction));
-  for (const host::image_t id : model.reconstruction->RegImageIds()) {
-    model.image_ids[model.reconstruction->Image(id).CameraId() - 1] = id;
-  }
+  Capture capture = MakeCapture(cameras, frame_name, std::move(reconstruction));
+  FrameModel& model = capture.frames[0];
   const SceneEstimate built = BuildScene(capture);
   const Frame& frame = built.scene.frames[0];
   std::vector<PatchCamera> patch_cameras;
@@ -323,7 +316,11 @@ host::Reconstruction RefineKeypointsOfModel(
     const size_t camera_idx = frame.images[i].camera_idx;
     const auto path = image_paths.find(camera_idx);
     if (path == image_paths.end()) return;
-    images[i] = ReadImage(path->second, cameras[camera_idx]);
+    images[i] =
+        MakeSpline(ReadImage(path->second,
+                             static_cast<int>(cameras[camera_idx].width),
+                             static_cast<int>(cameras[camera_idx].height),
+                             /*as_rgb=*/false));
   });
   const TrackRefinement refinement =
       RefinePatchTracks(options,

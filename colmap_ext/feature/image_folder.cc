@@ -70,23 +70,31 @@ bool ImageFolder::Read(const DenseFeatureRequest& request,
   if (path.empty()) {
     return false;
   }
-  if (!bitmap->Read(path, as_rgb)) {
+  *bitmap = ReadImage(path, request.width, request.height, as_rgb);
+  return true;
+}
+
+host::Bitmap ReadImage(const std::string& path,
+                       int width,
+                       int height,
+                       bool as_rgb) {
+  host::Bitmap bitmap;
+  if (!bitmap.Read(path, as_rgb)) {
     throw InputError(path +
                      ": not a readable image. Replace the file, or remove it "
-                     "to go without its dense features.");
+                     "to go without the image.");
   }
-  if (bitmap->Width() != request.width || bitmap->Height() != request.height) {
+  if (bitmap.Width() != width || bitmap.Height() != height) {
     throw InputError(host::StringPrintf(
-        "%s has %d x %d pixels, but its camera in frame '%s' has %d x %d. Give "
-        "the images that the models were made from (--image_path).",
+        "%s has %d x %d pixels, but its camera has %d x %d. Give the images "
+        "that the models were made from (--image_path).",
         path.c_str(),
-        bitmap->Width(),
-        bitmap->Height(),
-        request.frame_name.c_str(),
-        request.width,
-        request.height));
+        bitmap.Width(),
+        bitmap.Height(),
+        width,
+        height));
   }
-  return true;
+  return bitmap;
 }
 
 }  // namespace mfir

@@ -24,9 +24,7 @@ class ImageFolder {
   // IMAGES/CAMERA_FRAME.ext or IMAGES/FRAME_CAMERA.ext; "" if none exists.
   std::string Find(const DenseFeatureRequest& request) const;
 
-  // Reads and converts the image as COLMAP does for its own features. False if
-  // it does not exist. Throws InputError: not readable, other size than the
-  // request's.
+  // ReadImage() of the image that is found. False if it does not exist.
   bool Read(const DenseFeatureRequest& request,
             bool as_rgb,
             host::Bitmap* bitmap) const;
@@ -43,5 +41,12 @@ class ImageFolder {
   std::string path_;
   std::shared_ptr<Index> index_ = std::make_shared<Index>();
 };
+
+// The image, converted as COLMAP does for its own features. Throws InputError:
+// not readable, or not `width` x `height` pixels.
+host::Bitmap ReadImage(const std::string& path,
+                       int width,
+                       int height,
+                       bool as_rgb);
 
 }  // namespace mfir

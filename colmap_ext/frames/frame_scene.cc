@@ -103,6 +103,15 @@ void ShareLenses(const Communicator& ranks, std::vector<RigCamera>* cameras) {
 
 }  // namespace
 
+std::map<size_t, host::image_t> ImageIdsByCamera(
+    const host::Reconstruction& reconstruction) {
+  std::map<size_t, host::image_t> image_ids;
+  for (const host::image_t image_id : reconstruction.RegImageIds()) {
+    image_ids[reconstruction.Image(image_id).CameraId() - 1] = image_id;
+  }
+  return image_ids;
+}
+
 std::vector<host::point3D_t> SortedPointIds(
     const host::Reconstruction& reconstruction) {
   std::vector<host::point3D_t> ids;

@@ -88,6 +88,11 @@ Capture RemoveCamerasWithoutImages(Capture capture);
 // convention of poses.
 Capture AlignFrames(const Similarity3& new_from_rig, Capture capture);
 
+// Ids of the images of a FrameModel's reconstruction, by index of the rig
+// camera.
+std::map<size_t, host::image_t> ImageIdsByCamera(
+    const host::Reconstruction& reconstruction);
+
 // Ids of all points, ascending: the order of the tracks of a Frame.
 std::vector<host::point3D_t> SortedPointIds(
     const host::Reconstruction& reconstruction);

@@ -37,10 +37,9 @@ class OpenCVFile {
                        ": not a file in OpenCV's YAML, which has names and "
                        "fields like K_1 or T_1 at its top level.");
     }
-    std::set<std::string> fields;
     for (const auto& entry : root_) {
       const std::string field = entry.first.as<std::string>("");
-      if (!fields.insert(field).second) Fail(field, "stands twice");
+      if (!fields_.insert(field).second) Fail(field, "stands twice");
     }
   }
 
@@ -66,11 +65,12 @@ class OpenCVFile {
   std::optional<std::string> FindField(const std::string& prefix,
                                        const std::string& camera_name) const {
     const std::string canonical_name = CanonicalCameraName(camera_name);
-    for (const auto& entry : root_) {
-      const std::string field = entry.first.as<std::string>("");
-      if (field.compare(0, prefix.size(), prefix) == 0 &&
-          CanonicalCameraName(field.substr(prefix.size())) == canonical_name) {
-        return field;
+    for (auto field = fields_.lower_bound(prefix);
+         field != fields_.end() &&
+         field->compare(0, prefix.size(), prefix) == 0;
+         ++field) {
+      if (CanonicalCameraName(field->substr(prefix.size())) == canonical_name) {
+        return *field;
       }
     }
     return std::nullopt;
@@ -137,6 +137,7 @@ class OpenCVFile {
  private:
   const std::string path_;
   const YAML::Node root_;
+  std::set<std::string> fields_;
 };
 
 Eigen::Matrix3d RowMajorMatrix3(const std::vector<double>& values) {

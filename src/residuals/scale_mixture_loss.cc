@@ -26,6 +26,31 @@ constexpr double kMaxExponent = 80.0;
 // Up to this of the widest component, no weight of it underflows.
 constexpr double kMaxWidestExponent = 30.0;
 
+// rho, with its derivatives, of the density sum_k w_k, w_k proportional to
+// exp(-1/2 s information_k): rho = -2 log(sum / density_at_zero).
+class DensitySum {
+ public:
+  void Add(double weight, double information) {
+    sum_ += weight;
+    mean_ += weight * information;
+    square_ += weight * information * information;
+  }
+
+  // The weights are those of the density / exp(log_scale).
+  void Rho(double log_density_at_zero, double log_scale, double rho[3]) const {
+    const double mean = mean_ / sum_;
+    const double square = square_ / sum_;
+    rho[0] = 2.0 * (log_density_at_zero - log_scale - std::log(sum_));
+    rho[1] = mean;
+    rho[2] = -0.5 * std::max(0.0, square - mean * mean);
+  }
+
+ private:
+  double sum_ = 0.0;
+  double mean_ = 0.0;
+  double square_ = 0.0;
+};
+
 }  // namespace
 
 ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
@@ -125,9 +150,7 @@ void ScaleMixtureLoss::Evaluate(double s, double rho[3]) const {
     return;
   }
   // From wide to narrow. Most of the time would go into exp().
-  double sum = 0.0;
-  double mean = 0.0;
-  double square = 0.0;
+  DensitySum sum;
   double gaussian = 0.0;
   int num_squares = kMaxNumSquares;
   for (auto component = components_.rbegin(); component != components_.rend();
@@ -141,16 +164,9 @@ void ScaleMixtureLoss::Evaluate(double s, double rho[3]) const {
       gaussian = std::exp(-exponent);
       num_squares = 0;
     }
-    const double weight = component->density * gaussian;
-    sum += weight;
-    mean += weight * component->information;
-    square += weight * component->information * component->information;
+    sum.Add(component->density * gaussian, component->information);
   }
-  mean /= sum;
-  square /= sum;
-  rho[0] = 2.0 * (log_density_at_zero_ - std::log(sum));
-  rho[1] = mean;
-  rho[2] = -0.5 * std::max(0.0, square - mean * mean);
+  sum.Rho(log_density_at_zero_, /*log_scale=*/0.0, rho);
 }
 
 void ScaleMixtureLoss::EvaluateFarOut(double s, double rho[3]) const {
@@ -159,21 +175,13 @@ void ScaleMixtureLoss::EvaluateFarOut(double s, double rho[3]) const {
     max_exponent = std::max(
         max_exponent, component.log_density - 0.5 * s * component.information);
   }
-  double sum = 0.0;
-  double mean = 0.0;
-  double square = 0.0;
+  DensitySum sum;
   for (const Component& component : components_) {
-    const double weight = std::exp(
-        component.log_density - 0.5 * s * component.information - max_exponent);
-    sum += weight;
-    mean += weight * component.information;
-    square += weight * component.information * component.information;
+    sum.Add(std::exp(component.log_density - 0.5 * s * component.information -
+                     max_exponent),
+            component.information);
   }
-  mean /= sum;
-  square /= sum;
-  rho[0] = 2.0 * (log_density_at_zero_ - max_exponent - std::log(sum));
-  rho[1] = mean;
-  rho[2] = -0.5 * std::max(0.0, square - mean * mean);
+  sum.Rho(log_density_at_zero_, max_exponent, rho);
 }
 
 double ScaleMixtureLoss::CoreStd() const {
