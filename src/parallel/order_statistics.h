@@ -2,6 +2,7 @@
 
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "src/parallel/communicator.h"
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 
@@ -39,26 +41,46 @@ template <typename Get>
 double ValueAtWeight(size_t count,
                      const Get& get,
                      double target,
-                     const Communicator& ranks) {
+                     const Communicator& ranks,
+                     int num_threads = 1) {
   constexpr int kNumBits = 11;
   constexpr uint64_t kMask = (1u << kNumBits) - 1;
-  std::vector<std::pair<uint64_t, double>> candidates;
+  using Histogram = std::array<double, kMask + 1>;
+  // Sums by chunk, so that they do not depend on the number of threads.
+  const size_t chunk_size = std::max<size_t>(65536, count / 64);
+  const size_t num_chunks = (count + chunk_size - 1) / chunk_size;
+  std::vector<std::vector<std::pair<uint64_t, double>>> candidates(num_chunks);
+  std::vector<Histogram> histograms(num_chunks);
   uint64_t found = 0;
   double below = 0.0;
   for (const int shift : {53, 42, 31, 20, 9, -2}) {
     const auto bin_of = [shift](uint64_t bits) {
       return (shift >= 0 ? bits >> shift : bits << -shift) & kMask;
     };
-    const bool is_first = shift == 53;
-    const size_t num = is_first ? count : candidates.size();
-    std::array<double, kMask + 1> histogram = {};
-    for (size_t i = 0; i < num; ++i) {
-      if (is_first) {
-        const WeightedValue value = get(i);
-        histogram[bin_of(internal::Bits(value.value))] += value.weight;
-      } else {
-        histogram[bin_of(candidates[i].first)] += candidates[i].second;
+    // Calls function(bits, weight) for all values in the first round, then for
+    // the candidates.
+    const auto for_each = [&](size_t chunk, const auto& function) {
+      if (shift != 53) {
+        for (const auto& [bits, weight] : candidates[chunk]) {
+          function(bits, weight);
+        }
+        return;
       }
+      const size_t end = std::min(count, (chunk + 1) * chunk_size);
+      for (size_t i = chunk * chunk_size; i < end; ++i) {
+        const WeightedValue value = get(i);
+        function(internal::Bits(value.value), value.weight);
+      }
+    };
+    ParallelFor(num_chunks, num_threads, [&](size_t chunk) {
+      histograms[chunk].fill(0.0);
+      for_each(chunk, [&](uint64_t bits, double weight) {
+        histograms[chunk][bin_of(bits)] += weight;
+      });
+    });
+    Histogram histogram = {};
+    for (const Histogram& part : histograms) {
+      for (uint64_t b = 0; b <= kMask; ++b) histogram[b] += part[b];
     }
     ranks.Sum(histogram.data(), histogram.size());
     uint64_t bin = 0;
@@ -71,17 +93,13 @@ double ValueAtWeight(size_t count,
       if (sum >= target) break;
     }
     found |= shift >= 0 ? bin << shift : bin >> -shift;
-    std::vector<std::pair<uint64_t, double>> rest;
-    for (size_t i = 0; i < num; ++i) {
-      if (is_first) {
-        const WeightedValue value = get(i);
-        const uint64_t bits = internal::Bits(value.value);
-        if (bin_of(bits) == bin) rest.emplace_back(bits, value.weight);
-      } else if (bin_of(candidates[i].first) == bin) {
-        rest.push_back(candidates[i]);
-      }
-    }
-    candidates = std::move(rest);
+    ParallelFor(num_chunks, num_threads, [&](size_t chunk) {
+      std::vector<std::pair<uint64_t, double>> rest;
+      for_each(chunk, [&](uint64_t bits, double weight) {
+        if (bin_of(bits) == bin) rest.emplace_back(bits, weight);
+      });
+      candidates[chunk] = std::move(rest);
+    });
   }
   double value = 0.0;
   std::memcpy(&value, &found, sizeof(value));
@@ -91,14 +109,16 @@ double ValueAtWeight(size_t count,
 // Value number k, from 0, in ascending order, of all ranks' values.
 inline double KthSmallest(const std::vector<double>& values,
                           size_t k,
-                          const Communicator& ranks) {
+                          const Communicator& ranks,
+                          int num_threads = 1) {
   return ValueAtWeight(
       values.size(),
       [&](size_t i) {
         return WeightedValue{values[i], 1.0};
       },
       static_cast<double>(k + 1),
-      ranks);
+      ranks,
+      num_threads);
 }
 
 // As in median.h, of all ranks' values, which must not be negative.
@@ -110,11 +130,12 @@ inline double UpperMedian(const std::vector<double>& values,
 }
 
 inline double Median(const std::vector<double>& values,
-                     const Communicator& ranks) {
+                     const Communicator& ranks,
+                     int num_threads = 1) {
   const size_t num = Sum(ranks, values.size());
-  const double upper = KthSmallest(values, num / 2, ranks);
+  const double upper = KthSmallest(values, num / 2, ranks, num_threads);
   if (num % 2 == 1) return upper;
-  return 0.5 * (upper + KthSmallest(values, num / 2 - 1, ranks));
+  return 0.5 * (upper + KthSmallest(values, num / 2 - 1, ranks, num_threads));
 }
 
 }  // namespace mfir

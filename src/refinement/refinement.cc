@@ -86,20 +86,21 @@ class Refiner {
         estimate_(std::move(start)) {}
 
   RefinementResult Run(bool from_frames) {
-    std_px_ = RobustStd(Samples({}).keypoints, ranks_);
+    std_px_ = Std(Samples({}).keypoints);
     if (from_frames || EstimatesLoss()) Approach("principal_points");
     // Features are looked for near keypoints, and need no better start.
     if (EstimatesLoss() && HasFeatures()) {
-      feature_std_px_ =
-          RobustStd(Samples(MakeCauchyLosses().Get()).features, ranks_);
+      feature_std_px_ = Std(Samples(MakeCauchyLosses().Get()).features);
       Approach("start");
     }
     // From a fit with a broad loss only: a sharp loss pulls points onto few of
     // their observations, and its residuals would sharpen it further.
     const CauchyLosses cauchy = MakeCauchyLosses();
     const NoiseSampleSets samples = Samples(cauchy.Get());
-    const ScaleMixtureLoss noise(samples.keypoints, ranks_);
-    const ScaleMixtureLoss feature_noise(samples.features, ranks_);
+    const ScaleMixtureLoss noise(
+        samples.keypoints, ranks_, options_.EffectiveNumThreads());
+    const ScaleMixtureLoss feature_noise(
+        samples.features, ranks_, options_.EffectiveNumThreads());
     const ceres::ScaledLoss feature_loss(&feature_noise,
                                          options_.featuremetric_weight,
                                          ceres::DO_NOT_TAKE_OWNERSHIP);
@@ -129,9 +130,10 @@ class Refiner {
     result.covariance = summary.covariance;
     result.held_cameras = summary.held_cameras;
     const ScaleMixtureLoss reported_noise =
-        EstimatesLoss()
-            ? noise
-            : ScaleMixtureLoss(Samples(cauchy.Get()).keypoints, ranks_);
+        EstimatesLoss() ? noise
+                        : ScaleMixtureLoss(Samples(cauchy.Get()).keypoints,
+                                           ranks_,
+                                           options_.EffectiveNumThreads());
     result.noise_std_px = reported_noise.InlierStd();
     result.outlier_share = reported_noise.OutlierShare();
     result.noise_components = reported_noise.Components();
@@ -268,7 +270,8 @@ class Refiner {
                                            : "max_num_iterations";
     stage.rms_px = InlierRms(
         SquaredResiduals(scene_, estimate_, options_.EffectiveNumThreads()),
-        ranks_);
+        ranks_,
+        options_.EffectiveNumThreads());
     callback_(stage);
     return summary;
   }
@@ -285,11 +288,9 @@ class Refiner {
       const std::string name = i == 0 ? first_name : "start";
       Solve(name, losses.Get(), kStartStepTolerance, kTolerance);
       const NoiseSampleSets samples = Samples(losses.Get());
-      const double std_px = RoundedStd(RobustStd(samples.keypoints, ranks_));
+      const double std_px = RoundedStd(Std(samples.keypoints));
       const double feature_std_px =
-          feature_std_px_ > 0.0
-              ? RoundedStd(RobustStd(samples.features, ranks_))
-              : 0.0;
+          feature_std_px_ > 0.0 ? RoundedStd(Std(samples.features)) : 0.0;
       const bool falls = std_px < std_px_ || feature_std_px < feature_std_px_;
       const bool stays = std_px == std_px_ && feature_std_px == feature_std_px_;
       // Of the principal points alone nothing follows about the scale.
@@ -298,6 +299,10 @@ class Refiner {
       std_px_ = std_px;
       feature_std_px_ = feature_std_px;
     }
+  }
+
+  double Std(const std::vector<NoiseSample>& samples) const {
+    return RobustStd(samples, ranks_, options_.EffectiveNumThreads());
   }
 
   NoiseSampleSets Samples(const Losses& losses) const {

@@ -225,7 +225,8 @@ NoiseSampleSets NoiseSamples(const Scene& scene,
 }
 
 double RobustStd(const std::vector<NoiseSample>& samples,
-                 const Communicator& ranks) {
+                 const Communicator& ranks,
+                 int num_threads) {
   double total = 0.0;
   for (const NoiseSample& sample : samples) total += sample.weight;
   total = Sum(ranks, total);
@@ -236,7 +237,8 @@ double RobustStd(const std::vector<NoiseSample>& samples,
         return WeightedValue{samples[i].squared, samples[i].weight};
       },
       (0.5 - kHalfTolerance) * total,
-      ranks);
+      ranks,
+      num_threads);
   return std::sqrt(median / kMedianOfSquare);
 }
 

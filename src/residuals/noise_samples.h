@@ -54,6 +54,7 @@ NoiseSampleSets NoiseSamples(const Scene& scene,
 // Standard deviation (px per axis) of Gaussian noise with the same weighted
 // median of squares, those of all ranks. Zero without samples.
 double RobustStd(const std::vector<NoiseSample>& samples,
-                 const Communicator& ranks = Alone());
+                 const Communicator& ranks = Alone(),
+                 int num_threads = 1);
 
 }  // namespace mfir

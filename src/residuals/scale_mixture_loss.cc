@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+
+#include "src/parallel/parallel_for.h"
 
 namespace mfir {
 namespace {
@@ -10,6 +13,8 @@ namespace {
 constexpr int kBinsPerOctave = 8;   // histogram of log2(s)
 constexpr int kMinLog2Ratio = -20;  // bins relative to the median of s
 constexpr int kMaxLog2Ratio = 80;
+constexpr int kNumBins = (kMaxLog2Ratio - kMinLog2Ratio) * kBinsPerOctave;
+constexpr size_t kSamplesPerChunk = 65536;
 constexpr int kNumIterations = 500;
 constexpr double kTolerance = 1e-7;   // change of a mixture weight
 constexpr double kMaxSquared = 1e12;  // px^2
@@ -51,26 +56,47 @@ class DensitySum {
   double square_ = 0.0;
 };
 
+// Sums of the weights by log2(s / scale).
+std::vector<double> Histogram(const std::vector<NoiseSample>& samples,
+                              double scale,
+                              int num_threads) {
+  // Sums by chunk, so that they do not depend on the number of threads.
+  const size_t num_chunks =
+      (samples.size() + kSamplesPerChunk - 1) / kSamplesPerChunk;
+  std::vector<std::vector<double>> parts(num_chunks);
+  ParallelFor(num_chunks, num_threads, [&](size_t chunk) {
+    parts[chunk].assign(kNumBins, 0.0);
+    const size_t end = std::min(samples.size(), (chunk + 1) * kSamplesPerChunk);
+    for (size_t i = chunk * kSamplesPerChunk; i < end; ++i) {
+      const double bin =
+          (std::log2(std::max(samples[i].squared, 1e-300) / scale) -
+           kMinLog2Ratio) *
+          kBinsPerOctave;
+      parts[chunk][static_cast<size_t>(std::clamp(bin, 0.0, kNumBins - 1.0))] +=
+          samples[i].weight;
+    }
+  });
+  std::vector<double> sums(kNumBins, 0.0);
+  for (const std::vector<double>& part : parts) {
+    for (size_t i = 0; i < sums.size(); ++i) sums[i] += part[i];
+  }
+  return sums;
+}
+
 }  // namespace
 
 ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
-                                   const Communicator& ranks) {
+                                   const Communicator& ranks,
+                                   int num_threads) {
   // The likelihood needs s only through a fine histogram of its logarithm.
-  const double sigma_of_median = std::max(RobustStd(samples, ranks), 1e-6);
+  const double sigma_of_median =
+      std::max(RobustStd(samples, ranks, num_threads), 1e-6);
   const double scale = std::pow(sigma_of_median, 2);
-  const int num_bins = (kMaxLog2Ratio - kMinLog2Ratio) * kBinsPerOctave;
-  std::vector<double> counts(num_bins, 0.0);
-  double total_weight = 0.0;
-  for (const NoiseSample& sample : samples) total_weight += sample.weight;
-  total_weight = Sum(ranks, total_weight);
-  for (const NoiseSample& sample : samples) {
-    const double bin =
-        (std::log2(std::max(sample.squared, 1e-300) / scale) - kMinLog2Ratio) *
-        kBinsPerOctave;
-    counts[static_cast<size_t>(std::clamp(bin, 0.0, num_bins - 1.0))] +=
-        sample.weight / total_weight;
-  }
+  std::vector<double> counts = Histogram(samples, scale, num_threads);
   ranks.Sum(counts.data(), counts.size());
+  const double total_weight =
+      std::accumulate(counts.begin(), counts.end(), 0.0);
+  for (double& count : counts) count /= total_weight;
 
   // Up to the largest sample: beyond all components the loss would be
   // quadratic.
@@ -90,7 +116,7 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
 
   // exp(-s / (2 sigma^2)) of each bin that has samples, for all components.
   std::vector<double> gaussians;
-  for (int bin = 0; bin < num_bins; ++bin) {
+  for (int bin = 0; bin < kNumBins; ++bin) {
     if (counts[bin] == 0.0) continue;
     const double s =
         scale * std::exp2((bin + 0.5) / kBinsPerOctave + kMinLog2Ratio);
@@ -103,7 +129,7 @@ ScaleMixtureLoss::ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
   for (int iteration = 0; iteration < kNumIterations; ++iteration) {
     std::vector<double> new_shares(variances.size(), 0.0);
     const double* gaussian = gaussians.data();
-    for (int bin = 0; bin < num_bins; ++bin) {
+    for (int bin = 0; bin < kNumBins; ++bin) {
       if (counts[bin] == 0.0) continue;
       double sum = 0.0;
       for (size_t k = 0; k < variances.size(); ++k) {

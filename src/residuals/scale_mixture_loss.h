@@ -35,7 +35,8 @@ class ScaleMixtureLoss final : public ceres::LossFunction {
  public:
   // Fits the mixture to the samples of all ranks. Needs at least one.
   explicit ScaleMixtureLoss(const std::vector<NoiseSample>& samples,
-                            const Communicator& ranks = Alone());
+                            const Communicator& ranks = Alone(),
+                            int num_threads = 1);
 
   // rho[0..2] = rho(s), rho'(s), rho''(s).
   void Evaluate(double s, double rho[3]) const override;

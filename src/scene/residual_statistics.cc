@@ -7,17 +7,20 @@
 namespace mfir {
 
 double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals,
-                                const Communicator& ranks) {
+                                const Communicator& ranks,
+                                int num_threads) {
   constexpr double kMaxStds = 4.0;
   if (Sum(ranks, squared_residuals.size()) == 0) return 0.0;
   // |r|^2 of 2D Gaussian noise has the median 2 ln(2) sigma^2.
-  return kMaxStds * kMaxStds * Median(squared_residuals, ranks) /
+  return kMaxStds * kMaxStds * Median(squared_residuals, ranks, num_threads) /
          (2.0 * std::log(2.0));
 }
 
 double InlierRms(const std::vector<double>& squared_residuals,
-                 const Communicator& ranks) {
-  const double max_squared = MaxInlierSquaredResidual(squared_residuals, ranks);
+                 const Communicator& ranks,
+                 int num_threads) {
+  const double max_squared =
+      MaxInlierSquaredResidual(squared_residuals, ranks, num_threads);
   double sum = 0.0;
   double count = 0.0;
   for (const double squared : squared_residuals) {

@@ -13,12 +13,14 @@ namespace mfir {
 // sigma, where sigma = sqrt(median / (2 ln 2)) is the standard deviation of
 // Gaussian noise with the same median of squared norms.
 double MaxInlierSquaredResidual(const std::vector<double>& squared_residuals,
-                                const Communicator& ranks = Alone());
+                                const Communicator& ranks = Alone(),
+                                int num_threads = 1);
 
 // Root mean square (px) of the residual norms without outliers; NaN without
 // residuals.
 double InlierRms(const std::vector<double>& squared_residuals,
-                 const Communicator& ranks = Alone());
+                 const Communicator& ranks = Alone(),
+                 int num_threads = 1);
 
 // Root mean square (px) of the selected residual norms: one value per rig
 // camera, then the one over all; NaN without observations.
