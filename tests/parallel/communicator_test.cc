@@ -61,6 +61,9 @@ TEST(OrderStatistics, MediansAreThoseOfAllValues) {
     });
   }
   EXPECT_TRUE(std::isnan(UpperMedian({}, Alone())));
+  // Chunks on several threads.
+  const std::vector<double> many = RandomValues(200000, 1);
+  EXPECT_EQ(Median(many, Alone(), /*num_threads=*/3), Median(many));
 }
 
 // Against the definition: the first in ascending order at which the sum of the
