@@ -23,8 +23,11 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstring>
+#include <type_traits>
 
 #include "src/parallel/thread_group.h"
+#include "src/parallel/float_array.h"
 
 namespace mfir {
 
@@ -155,10 +158,11 @@ MFIR_HOST_DEVICE float WeightedSum(const float* corner,
                                    int width,
                                    const float* wx,
                                    const float* wy) {
-  float columns[4];
-  for (int i = 0; i < 4; ++i) {
-    columns[i] = wy[0] * corner[i] + wy[1] * corner[width + i] +
-                 wy[2] * corner[2 * width + i] + wy[3] * corner[3 * width + i];
+  Float4 columns = {};
+  for (int j = 0; j < 4; ++j) {
+    Float4 row;
+    memcpy(&row, corner + j * width, sizeof(row));
+    columns += row * wy[j];
   }
   return (wx[0] * columns[0] + wx[1] * columns[1]) +
          (wx[2] * columns[2] + wx[3] * columns[3]);
@@ -617,29 +621,38 @@ constexpr int kPatchSearchSide = 2 * kPatchSearchRadius + 1;
 constexpr int kNumPatchShifts = kPatchSearchSide * kPatchSearchSide;
 constexpr int kPatchSearchReach = kPatchRadius + kPatchSearchRadius;
 constexpr int kPatchWindowSide = 2 * kPatchSearchReach + 1;
-constexpr int kPatchWindowSize = kPatchWindowSide * kPatchWindowSide;
+// With room for a row of scores that is longer than the shifts.
+constexpr int kPatchWindowSize = kPatchWindowSide * kPatchWindowSide + 7;
 
-// ZNCC of the reference patch with the disc around pixel (x, y) of a window.
-MFIR_HOST_DEVICE float WindowZncc(const PatchDisc& disc,
-                                  const PatchTemplate& patch,
-                                  const float* window,
-                                  int x,
-                                  int y) {
-  float sum = 0.0f;
-  float squared = 0.0f;
-  float product = 0.0f;
+// ZNCC of the reference patch with the disc around pixel (x, y) of a window and
+// its neighbours to the right, as many as Floats has.
+template <typename Floats>
+MFIR_HOST_DEVICE void WindowZncc(const PatchDisc& disc,
+                                 const PatchTemplate& patch,
+                                 const float* window,
+                                 int x,
+                                 int y,
+                                 float* zncc) {
+  Floats sum = {};
+  Floats squared = {};
+  Floats product = {};
   for (int i = 0; i < kNumPatchSamples; ++i) {
-    const float sample =
-        window[(y + static_cast<int>(disc.v[i])) * kPatchWindowSide + x +
-               static_cast<int>(disc.u[i])];
-    sum += sample;
-    squared += sample * sample;
-    product += sample * patch.basis[kGainIdx][i];
+    Floats samples;
+    memcpy(&samples,
+           window + (y + static_cast<int>(disc.v[i])) * kPatchWindowSide + x +
+               static_cast<int>(disc.u[i]),
+           sizeof(samples));
+    sum += samples;
+    squared += samples * samples;
+    product += samples * patch.basis[kGainIdx][i];
   }
-  squared -= sum * sum * (1.0f / kNumPatchSamples);
-  return squared > 1e-6f * kNumPatchSamples
-             ? product / sqrtf(kNumPatchSamples * squared)
-             : 0.0f;
+  for (size_t k = 0; k < sizeof(Floats) / sizeof(float); ++k) {
+    const float variance =
+        squared[k] - sum[k] * sum[k] * (1.0f / kNumPatchSamples);
+    zncc[k] = variance > 1e-6f * kNumPatchSamples
+                  ? product[k] / sqrtf(kNumPatchSamples * variance)
+                  : 0.0f;
+  }
 }
 
 // The best of all whole shifts up to kPatchSearchRadius in u and v, which moves
@@ -658,7 +671,8 @@ MFIR_HOST_DEVICE float SearchPatch(const Group& group,
                                    PatchWarp* warp) {
   if (!IsPatchInside(image, *warp, kPatchSearchReach)) return -1.0f;
   const SplineWindow spline = MakeSplineWindow(image, *warp);
-  for (int i = group.Rank(); i < kPatchWindowSize; i += Group::Size()) {
+  for (int i = group.Rank(); i < kPatchWindowSide * kPatchWindowSide;
+       i += Group::Size()) {
     window[i] = SampleOffset(
         spline,
         *warp,
@@ -666,12 +680,20 @@ MFIR_HOST_DEVICE float SearchPatch(const Group& group,
         static_cast<float>(i / kPatchWindowSide - kPatchSearchReach));
   }
   group.Sync();
-  for (int i = group.Rank(); i < kNumPatchShifts; i += Group::Size()) {
-    scores[i] = WindowZncc(disc,
-                           patch,
-                           window,
-                           kPatchRadius + i % kPatchSearchSide,
-                           kPatchRadius + i / kPatchSearchSide);
+  // A thread that is alone: a row of shifts at a time.
+  constexpr bool kRows = Group::Size() == 1;
+  using Scores = std::conditional_t<kRows, Float16, FloatArray<1>>;
+  constexpr int kNumScores = kRows ? kPatchSearchSide : 1;
+  for (int i = kNumScores * group.Rank(); i < kNumPatchShifts;
+       i += kNumScores * Group::Size()) {
+    float zncc[sizeof(Scores) / sizeof(float)];
+    WindowZncc<Scores>(disc,
+                       patch,
+                       window,
+                       kPatchRadius + i % kPatchSearchSide,
+                       kPatchRadius + i / kPatchSearchSide,
+                       zncc);
+    for (int k = 0; k < kNumScores; ++k) scores[i + k] = zncc[k];
   }
   group.Sync();
   int best = kNumPatchShifts / 2;

@@ -19,7 +19,7 @@ struct TiltRing {
 };
 constexpr TiltRing kTiltRings[] = {{0.45, 8}, {0.9, 12}, {1.6, 12}};
 constexpr size_t kNumTiltRings = std::size(kTiltRings);
-// Mean likeness with the facing slope from which no grid is needed.
+// Mean likeness from which no steeper tilts are tried.
 constexpr double kGoodLikeness = 0.95;
 
 constexpr int kMaxNumIterations = 6;
@@ -160,7 +160,7 @@ class SlopeEstimator {
     return sum / std::max<double>(static_cast<double>(NumViews()), 1.0);
   }
 
-  // The facing slope, then ring by ring unless that fits well.
+  // The facing slope, then ring by ring until one fits well.
   void TakeGrid(const PatchFit* fits) {
     for (Eigen::Index k = 0; k < trials_.cols(); ++k) {
       const double likeness =
@@ -170,8 +170,7 @@ class SlopeEstimator {
         best_likeness_ = likeness;
       }
     }
-    if (next_ring_ == kNumTiltRings ||
-        (next_ring_ == 0 && best_likeness_ >= kGoodLikeness)) {
+    if (next_ring_ == kNumTiltRings || best_likeness_ >= kGoodLikeness) {
       stage_ = Stage::kIterations;
       Try(problem_.slope);
     } else {
