@@ -26,8 +26,8 @@
 #include <cstring>
 #include <type_traits>
 
-#include "src/parallel/thread_group.h"
 #include "src/parallel/float_array.h"
+#include "src/parallel/thread_group.h"
 
 namespace mfir {
 
@@ -243,7 +243,8 @@ MFIR_HOST_DEVICE float SampleOffset(const SplineWindow& window,
   return WeightedSum(corner, window.width, wx, wy);
 }
 
-// Samples of the disc; the patch has to be inside.
+// Samples of the disc, from the one at the centre: sums of squares of small
+// numbers lose fewer digits. The patch has to be inside.
 template <typename Group>
 MFIR_HOST_DEVICE void SamplePatch(const Group& group,
                                   const PatchDisc& disc,
@@ -251,9 +252,10 @@ MFIR_HOST_DEVICE void SamplePatch(const Group& group,
                                   const PatchWarp& warp,
                                   float* samples) {
   const SplineWindow window = MakeSplineWindow(image, warp);
+  const float center = SampleOffset(window, warp, 0.0f, 0.0f);
   for (int i = group.Rank(); i < kPatchStride; i += Group::Size()) {
     samples[i] = i < kNumPatchSamples
-                     ? SampleOffset(window, warp, disc.u[i], disc.v[i])
+                     ? SampleOffset(window, warp, disc.u[i], disc.v[i]) - center
                      : 0.0f;
   }
   group.Sync();
@@ -671,13 +673,16 @@ MFIR_HOST_DEVICE float SearchPatch(const Group& group,
                                    PatchWarp* warp) {
   if (!IsPatchInside(image, *warp, kPatchSearchReach)) return -1.0f;
   const SplineWindow spline = MakeSplineWindow(image, *warp);
+  const float center = SampleOffset(spline, *warp, 0.0f, 0.0f);
   for (int i = group.Rank(); i < kPatchWindowSide * kPatchWindowSide;
        i += Group::Size()) {
-    window[i] = SampleOffset(
-        spline,
-        *warp,
-        static_cast<float>(i % kPatchWindowSide - kPatchSearchReach),
-        static_cast<float>(i / kPatchWindowSide - kPatchSearchReach));
+    window[i] =
+        SampleOffset(
+            spline,
+            *warp,
+            static_cast<float>(i % kPatchWindowSide - kPatchSearchReach),
+            static_cast<float>(i / kPatchWindowSide - kPatchSearchReach)) -
+        center;
   }
   group.Sync();
   // A thread that is alone: a row of shifts at a time.
